@@ -23,7 +23,7 @@ ALLOWED = {
     "haptics": {"minima", "roots", "html", "errors"},
     "inference": {"roots", "html", "errors"},
     "sessions": {"errors"},
-    "results": {"haptics", "sessions", "html", "errors"},
+    "results": {"inference", "haptics", "sessions", "html", "errors"},
     "boundary": {"results", "haptics", "inference", "roots", "html", "errors"},
     "scene": {"scene_device", "sessions", "inference", "html", "errors"},
     "scene_device": {"sessions", "errors"},
@@ -63,8 +63,8 @@ OUTSIDE = {
     "haptics": {"numpy"},
     "inference": {"numpy", "scipy", "emcee", "arviz_stats"},
     "results": {"numpy", "pydantic"},
-    "boundary": {"numpy", "scipy", "pandas"},
-    "study": {"numpy", "scipy", "pandas", "pydantic", "xarray", "arviz_base"},
+    "boundary": {"numpy", "scipy"},
+    "study": {"numpy", "scipy", "pandas", "xarray", "arviz_base"},
     "planning": {"numpy", "scipy"},
 }
 

@@ -23,25 +23,6 @@ if TYPE_CHECKING:
     from percept.study.fit import RunStore
     from percept.workers import Mapper
 
-__all__ = [
-    "SESSIONS",
-    "SETTINGS",
-    "STUDY",
-    "WORKERS",
-    "Working",
-    "checks_argument",
-    "notice",
-    "open_mapper",
-    "open_study",
-    "print_json",
-    "print_table",
-    "read_scene",
-    "settings",
-    "show",
-    "tell_error",
-    "verdict",
-    "with_factor",
-]
 
 # Keys of [inference] that have a flag.
 _SETTINGS = ("seed", "tolerance", "level", "family", "method")

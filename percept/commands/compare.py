@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from percept.results import ContrastRow
     from percept.study import Study
 
-__all__ = ["COMPARE"]
 
 _PAIRS = [
     "environment", "parameter", "kind", "classical_lower", "classical_upper", "bayesian_lower",

@@ -14,8 +14,6 @@ from percept.commands.analysis import SESSIONS, Working, read_scene
 from percept.errors import UsageError, counted, printable
 from percept.files import write_whole
 
-__all__ = ["NEW", "SIMULATE", "VALIDATE"]
-
 
 def _validate(arguments: argparse.Namespace) -> int:
     """Validate; the exit code is 0 without problems, otherwise the problems' own."""

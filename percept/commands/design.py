@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from percept.results import Verdict
     from percept.study import Study
 
-__all__ = ["CALIBRATE", "PLAN"]
 
 _KINDS = ("mean", "user", "share", "contrast", "equivalent", "verdicts")
 # Options that not every kind has.

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from percept.batch import Summary
     from percept.study import Study
 
-__all__ = ["BATCH", "FIT", "PREDICT", "REPORT"]
 
 _COLUMNS = [
     "environment",

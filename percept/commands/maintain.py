@@ -15,7 +15,6 @@ from percept.errors import UsageError, counted
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
-__all__ = ["DOCTOR"]
 
 #: The name that pip installs percept by.
 _DISTRIBUTION = "percept-haptics"

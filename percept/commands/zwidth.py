@@ -13,7 +13,6 @@ from percept.errors import RefusalError, UsageError
 if TYPE_CHECKING:
     from percept.results import ZWidth
 
-__all__ = ["ZWIDTH"]
 
 # Of an edge's points, every sixteenth is printed: nine rows.
 _STEP = 16

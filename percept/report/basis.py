@@ -141,7 +141,7 @@ def diagnostics(results: Results) -> Section | None:
 class CheckColumn:
     """A column of a table of the checks."""
 
-    path: tuple[str, ...]  # To its value, from a row
+    name: str  # Of its field
     head: str
     text: bool = False
 
@@ -191,12 +191,6 @@ def checks(results: Results) -> Section | None:
             record.statistics,
             words,
         ),
-        _check_table(
-            "What the priors alone say, before any data: quantiles of the average and the next"
-            " {user}.",
-            record.prior,
-            words,
-        ),
     ]
     messages = list(misfits(record, family_of(results), words)) if record.loo else []
     view = ModelChecks(messages, [table for table in tables if table.rows])
@@ -204,15 +198,11 @@ def checks(results: Results) -> Section | None:
 
 
 def _check_table(caption: str, rows: Sequence[Any], words: Words) -> CheckTable:
-    """Return a table with a column per field of its rows, and per quantile."""
+    """Return a table with a column per field of its rows."""
     columns = []
-    quantiles = []
     for name, value in vars(rows[0]).items() if rows else ():
-        if name == "quantiles":
-            quantiles = [CheckColumn((name, percent), f"{percent} %") for percent in value]
-        elif name not in _UNSHOWN:
-            columns.append(CheckColumn((name,), _HEADS.get(name, name), isinstance(value, str)))
-    columns += quantiles
+        if name not in _UNSHOWN:
+            columns.append(CheckColumn(name, _HEADS.get(name, name), isinstance(value, str)))
     return CheckTable(caption.format(**vars(words)), columns, rows)
 
 

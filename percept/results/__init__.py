@@ -20,7 +20,6 @@ from percept.results.checks import (
     NormalityTest,
     PredictiveCheck,
     Prior,
-    PriorQuantiles,
     SubjectCheck,
 )
 from percept.results.coupling import (
@@ -82,7 +81,7 @@ __all__ = [
     "EquivalenceRow", "Estimate", "Findings", "GateVerdict", "IntervalRow", "IntervalWithout",
     "Ladder", "LadderEffect", "Leaning", "LeftOut", "LeftOutRow", "LevelValues", "Membership",
     "MethodPair", "MoreSubjects", "NormalityTest", "Note", "Nouns", "OtherDevices", "Overview",
-    "OverviewRow", "Part", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles",
+    "OverviewRow", "Part", "PosteriorEvidence", "PredictiveCheck", "Prior",
     "Provenance", "PseLineRow", "PsychophysicsRow", "Rendered", "RenderedEdge", "RenderedWall",
     "Results", "Shape", "Skipped", "SourceFile", "SubjectCheck", "SubjectRow", "Verdict",
     "WeberTrend", "ZWidth", "dumps", "plain",

@@ -6,11 +6,8 @@ import dataclasses
 from typing import Literal, TypeAlias
 
 from percept.html import NotebookRecord
-from percept.results.fields import Array, Family, Kind, Method
-
-__all__ = [
-    "Band", "BandLaw", "BandRow", "BandStatement", "Boundary", "Estimate", "Shape", "WeberTrend",
-]  # fmt: skip
+from percept.inference.record import Family, Kind, Method
+from percept.results.fields import Array
 
 Shape: TypeAlias = Literal["corner", "envelope", "pointwise", "simultaneous"]
 

@@ -5,12 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from percept.html import NotebookRecord
-from percept.results.fields import Family, Kind
-
-__all__ = [
-    "CellOutlier", "Checks", "Diagnostics", "GateVerdict", "IntervalWithout", "LeftOut",
-    "NormalityTest", "PredictiveCheck", "Prior", "PriorQuantiles", "SubjectCheck",
-]  # fmt: skip
+from percept.inference.record import Family
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,17 +128,6 @@ class PredictiveCheck:
     unusual: bool
 
 
-@dataclasses.dataclass(frozen=True)
-class PriorQuantiles:
-    """What the priors alone say of the average or the next user, before any data."""
-
-    environment: str
-    parameter: str
-    kind: Kind
-    quantiles: dict[str, float]  # By probability in per cent: "0.5", "5", …, "99.5"
-    unit: str
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Checks(NotebookRecord):
     """Checks of the model; without a Bayesian fit of subjects only the tests of normality."""
@@ -152,4 +136,3 @@ class Checks(NotebookRecord):
     loo: LeftOut | None = None
     without: tuple[IntervalWithout, ...] = ()
     statistics: tuple[PredictiveCheck, ...] = ()
-    prior: tuple[PriorQuantiles, ...] = ()

@@ -6,29 +6,9 @@ import dataclasses
 from typing import Literal, TypeAlias
 
 from percept.html import NotebookRecord
+from percept.inference.record import Family, Kind, Method
 from percept.results.data import Note
-from percept.results.fields import Array, Family, Feeling, Inside, Kind, Method
-
-__all__ = [
-    "AdmissibleCouplings",
-    "CentralProbability",
-    "ChangedVerdict",
-    "Confidences",
-    "ConfirmedCoupling",
-    "Coupling",
-    "DeviceStability",
-    "EnvironmentCouplings",
-    "Leaning",
-    "Membership",
-    "MoreSubjects",
-    "OtherDevices",
-    "PosteriorEvidence",
-    "Rendered",
-    "RenderedEdge",
-    "RenderedWall",
-    "Verdict",
-    "ZWidth",
-]
+from percept.results.fields import Array, Feeling, Inside
 
 #: Whether a device renders with every passive hand.
 Rendering: TypeAlias = Literal["can", "cannot", "undecided"]

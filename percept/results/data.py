@@ -8,11 +8,6 @@ from typing import Any
 
 from percept.sessions.quantities import Quantity
 
-__all__ = [
-    "CellValues", "Data", "DesignCounts", "LeftOutRow", "Note", "Nouns", "Provenance", "SourceFile",
-    "SubjectRow",
-]  # fmt: skip
-
 
 @dataclasses.dataclass(frozen=True)
 class SourceFile:

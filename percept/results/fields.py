@@ -8,11 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainValidator
 
-__all__ = ["Array", "Family", "Feeling", "Inside", "Kind", "Method"]
-
-Kind: TypeAlias = Literal["mean", "user", "share"]
-Method: TypeAlias = Literal["classical", "bayesian"]
-Family: TypeAlias = Literal["normal", "lognormal"]
 Feeling: TypeAlias = Literal["feels real", "does not", "too little data"]
 Inside: TypeAlias = Literal["inside", "marginal", "outside"]
 

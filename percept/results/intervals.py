@@ -5,19 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from percept.html import NotebookRecord
-from percept.results.fields import Family, Kind, Method
-
-__all__ = [
-    "AnovaRow",
-    "BandDifference",
-    "BandPair",
-    "ContrastRow",
-    "IntervalRow",
-    "Ladder",
-    "LadderEffect",
-    "LevelValues",
-    "MethodPair",
-]
+from percept.inference.record import Family, Kind, Method
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -72,7 +60,6 @@ class ContrastRow(NotebookRecord):
     n: int  # Subjects it rests on: within subjects, those with all levels
     of_subjects: int  # Subjects in the study
     of_references: int  # References that the factor has
-    covers: str
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

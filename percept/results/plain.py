@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["JsonObject", "dumps", "plain"]
-
 #: A record or a mapping as JSON holds it.
 JsonObject = dict[str, Any]
 

@@ -6,9 +6,7 @@ import dataclasses
 from typing import Literal, TypeAlias
 
 from percept.html import NotebookRecord
-from percept.results.fields import Family, Method
-
-__all__ = ["Equivalence", "EquivalenceRow", "Measure", "PseLineRow", "PsychophysicsRow"]
+from percept.inference.record import Family, Method
 
 #: `docs/methods.md` defines each one.
 Measure: TypeAlias = Literal[

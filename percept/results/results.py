@@ -37,8 +37,6 @@ from percept.results.plain import JsonObject, dumps, plain
 from percept.results.psychophysics import EquivalenceRow, PseLineRow, PsychophysicsRow
 from percept.results.shared import share_curves, with_shared_curves
 
-__all__ = ["SCHEMA", "Results", "Skipped"]
-
 #: Where boundaries stand in report.json, and where the curves do that those share.
 _CURVES = {"boundaries": "impedances", "close": "close_impedances"}
 

@@ -6,8 +6,6 @@ from typing import Any
 
 from percept.results.plain import JsonObject
 
-__all__ = ["share_curves", "with_shared_curves"]
-
 #: They depend on the environment, device and coupling, and on no interval.
 _SHARED = ("omega", "reference", "coupled")
 

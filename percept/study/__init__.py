@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from percept.study.basics import Skipped
+from percept.results import Skipped
 from percept.study.study import Study
 
 __all__ = ["Skipped", "Study"]

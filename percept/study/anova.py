@@ -24,8 +24,6 @@ from percept.study.data import Data
 from percept.study.responses import Trials
 from percept.study.subject_cells import SubjectCells
 
-__all__ = ["ENVIRONMENT", "anova_rows", "level_values"]
-
 #: What the references are called as a factor: the column of the sessions.
 ENVIRONMENT = "environment"
 
@@ -135,7 +133,7 @@ def _values(
     if len(missing):
         row, column = missing[0].tolist()
         environment, levels = keys[column]
-        subject = subjects[cells.values.index[row]]
+        subject = subjects[row]
         count = len(np.unique(missing[:, 0]))
         more = f" Cells are missing for {count} subjects in all." if count > 1 else ""
         cell = factors.cell(environment, levels) if levels else environment

@@ -20,24 +20,15 @@ from percept.haptics import Device, Loop, magnitude_envelope
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family, Method
-from percept.results import Band, BandLaw, BandRow, BandStatement, IntervalRow, WeberTrend
+from percept.results import Band, BandLaw, BandRow, BandStatement, IntervalRow, Skipped, WeberTrend
 from percept.scene import InferenceTable
-from percept.study.basics import FAMILIES, Array, Skipped, Stream, claim_of, generator
+from percept.study.basics import FAMILIES, Array, Stream, claim_of, generator
 from percept.study.data import Data
 from percept.study.regions import displayable
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
 
-__all__ = [
-    "Banded",
-    "Replicates",
-    "band_study",
-    "classical_replicates",
-    "posterior_replicates",
-    "weber_trend",
-    "with_band",
-]
 
 # Environments that laws of the band need: two parameters, and one to leave out.
 _FEWEST_ENVIRONMENTS = 3

@@ -12,27 +12,12 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.record import Family
-from percept.results import Skipped
 from percept.scene import InferenceTable, Scene
 from percept.sessions.quantities import Quantities
 
 if TYPE_CHECKING:
     from percept.inference.model.priors import Priors
 
-__all__ = [
-    "FAMILIES",
-    "IF_BY_TRIAL",
-    "Array",
-    "References",
-    "Skipped",
-    "Stream",
-    "analysed_parameters",
-    "claim_of",
-    "generator",
-    "known",
-    "priors_of",
-    "select",
-]
 
 Array = NDArray[np.float64]
 #: A setting lies near its reference, but a mean may lie anywhere: priors of locations, in which

@@ -18,14 +18,12 @@ from percept.boundary.limits import (
 )
 from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
-from percept.results import BandDifference, BandPair, Boundary, Shape
+from percept.results import BandDifference, BandPair, Boundary, Shape, Skipped
 from percept.scene import FrequencyTable, Scene
-from percept.study.basics import Array, Skipped
+from percept.study.basics import Array
 from percept.study.device import Setup
 from percept.study.device_boundaries import DeviceCurves
 from percept.study.regions import Law, Region
-
-__all__ = ["JOINTS", "BoundaryDrawing", "band_pairs", "increasing", "zoom_windows"]
 
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")

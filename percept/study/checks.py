@@ -21,22 +21,18 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.model.predictions import draw_prior
-from percept.inference.record import Kind
 from percept.results import (
     CellOutlier,
     Checks,
     IntervalWithout,
     LeftOut,
     PredictiveCheck,
-    PriorQuantiles,
+    Skipped,
     SubjectCheck,
 )
 from percept.sessions.quantities import Quantities
-from percept.study.basics import Array, Skipped, Stream, generator
+from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
-
-__all__ = ["intervals_without", "model_checks", "subject_tables"]
 
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is
 #: looked at.
@@ -46,8 +42,6 @@ _REPLICATES = 4000
 #: draws that they rest on whatever that takes.
 _MOST_NUMBERS = 1 << 19
 _FEWEST_DRAWS = 1000
-_PRIOR_DRAWS = 40_000
-_PRIOR_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
 
 
 def model_checks(fit: Fit, *, level: float, seed: int) -> Checks | Skipped:
@@ -65,7 +59,6 @@ def model_checks(fit: Fit, *, level: float, seed: int) -> Checks | Skipped:
         loo=subject_tables(fit, subjects, loo, predicted),
         without=tuple(intervals_without(fit, subjects, loo, level=level)),
         statistics=_statistics(subjects, fit.points, level=level, seed=seed),
-        prior=tuple(_prior_quantiles(fit, subjects, seed=seed)),
     )
 
 
@@ -198,24 +191,3 @@ def _statistics(
         )
         checks.append(check)
     return tuple(checks)
-
-
-def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> Iterator[PriorQuantiles]:
-    """Yield quantiles of the average and the next user before any data."""
-    rng = generator(seed, Stream.PRIOR)
-    _, means, users = draw_prior(subjects.density, _PRIOR_DRAWS, rng)
-    kinds: dict[Kind, Array] = {"mean": means, "user": users}
-    for kind, drawn in kinds.items():
-        # The map to the quantity is increasing, so quantiles pass through it; far tails may be
-        # infinite.
-        with np.errstate(over="ignore"):
-            native = fit.scale.native(np.quantile(drawn, _PRIOR_QUANTILES, axis=0))
-        for (parameter, environment), c in fit.column.items():
-            names = [f"{100 * probability:g}" for probability in _PRIOR_QUANTILES]
-            yield PriorQuantiles(
-                environment=environment,
-                parameter=parameter,
-                kind=kind,
-                quantiles=dict(zip(names, native[:, c].tolist(), strict=True)),
-                unit=fit.quantities[parameter].unit,
-            )

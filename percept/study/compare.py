@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from percept.study.fit import Fit
     from percept.study.study import Study
 
-__all__ = ["PairComparison", "compare_studies", "split_by", "within_subjects"]
 
 #: Draws of either posterior that are compared; more would not change two digits.
 _DRAWS = 8192

@@ -10,24 +10,14 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
+from percept.results import Skipped
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE, Term, terms_of
 from percept.sessions.read import by_level, refuse_gaps
 from percept.sessions.records import Factors
-from percept.study.basics import Array, Skipped
+from percept.study.basics import Array
 from percept.study.trial_references import at_typical_references
-
-__all__ = [
-    "Comparison",
-    "Conditions",
-    "comparisons",
-    "conditions_of",
-    "covariate_values",
-    "level_means",
-    "told_apart",
-    "without_data",
-]
 
 #: A cell: its environment, and its level under each factor.
 CellKey = tuple[str, tuple[str, ...]]
@@ -44,6 +34,11 @@ class Conditions:
     covariates: tuple[str, ...]
     terms: tuple[Term, ...]  # Of factors
     spread: tuple[str, ...]  # Factors whose levels differ in spread
+
+    def only(self, factors: Sequence[str]) -> Conditions:
+        """Return some of the factors with the terms that hold no others."""
+        terms = tuple(term for term in self.terms if set(term) <= set(factors))
+        return dataclasses.replace(self, factors=tuple(factors), terms=terms)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -231,21 +226,11 @@ def without_data(
 
 def _outlines(conditions: Conditions, factors: Factors) -> Iterator[tuple[Term, Comparison, Signs]]:
     """Yield every pair of levels and every interaction, without references or weights."""
-    for factor in conditions.factors:
-        within = factor not in conditions.between
-        for pair in itertools.combinations(factors.levels[factor], 2):
-            groups = ("", "") if within else pair
-            signs: Signs = {(pair[0],): -1.0, (pair[1],): 1.0}
-            outline = Comparison(factor, *pair, None, (), {}, within, groups=groups)
-            yield (factor,), outline, signs
-    for term in conditions.terms:
-        if len(term) == 1:
-            continue
+    pairs_of_levels: list[Term] = [(factor,) for factor in conditions.factors]
+    interactions = [term for term in conditions.terms if len(term) > 1]
+    for term in pairs_of_levels + interactions:
         between = [factor for factor in term if factor in conditions.between]
-        of_factors = []
-        for factor in term:
-            pairs_of_factor = itertools.combinations(factors.levels[factor], 2)
-            of_factors.append(list(pairs_of_factor))
+        of_factors = [itertools.combinations(factors.levels[factor], 2) for factor in term]
         for pairs in itertools.product(*of_factors):
             outline = Comparison(
                 ":".join(term),
@@ -255,7 +240,7 @@ def _outlines(conditions: Conditions, factors: Factors) -> Iterator[tuple[Term, 
                 (),
                 {},
                 within=not between,
-                interaction=True,
+                interaction=len(term) > 1,
                 groups=pairs[term.index(between[0])] if between else ("", ""),
             )
             yield term, outline, _signs(pairs)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
+from numpy.typing import NDArray
 
 from percept.errors import RefusalError, counted
 from percept.inference.classical.contrasts import (
@@ -18,13 +18,12 @@ from percept.inference.classical.contrasts import (
     spread_ratio,
 )
 from percept.inference.classical.moments import Moments
-from percept.results import ContrastRow
+from percept.results import ContrastRow, Skipped
 from percept.sessions.records import Factors
-from percept.study.basics import Skipped, claim_of
+from percept.study.basics import claim_of
 from percept.study.conditions import (
     CellKey,
     Comparison,
-    Conditions,
     comparisons,
     level_means,
     without_data,
@@ -37,26 +36,20 @@ from percept.study.subject_cells import SubjectCells
 if TYPE_CHECKING:
     from percept.study.fit import Fit
 
-__all__ = ["contrast_rows"]
+_Rows = Iterator[ContrastRow | Skipped]
 
 
-def contrast_rows(data: Data, fit: Fit | None) -> Iterator[ContrastRow | Skipped]:
+def contrast_rows(data: Data, fit: Fit | None) -> _Rows:
     """Yield the contrasts of every method that was asked for; of the Bayesian one from its fit."""
-    conditions = data.conditions
     factors = data.sessions.factors
     tables = {parameter: ContrastTable(data, parameter) for parameter in data.parameters}
     if data.asked.method != "bayesian":
-        for table, column in itertools.product(tables.values(), conditions.covariates):
-            what = f"classical slope of {table.quantity.label} on {column}"
+        for table, column in itertools.product(tables.values(), data.conditions.covariates):
+            what = f"classical slope of {table.label} on {column}"
             yield Skipped(what, "only the hierarchical model estimates slopes")
-    if data.asked.method != "bayesian" and factors is not None:
-        for parameter, table in tables.items():
-            try:
-                own = data.subject_cells(parameter)
-            except RefusalError as refused:
-                yield Skipped(f"contrasts of {table.quantity.label}", str(refused))
-                continue
-            yield from _classical(own, conditions, factors, table)
+        for table in tables.values():
+            if factors is not None:
+                yield from _classical(table, factors)
     if fit is not None:
         # The classical method does without the model.
         from percept.study.posterior_contrasts import posterior_contrasts
@@ -64,32 +57,32 @@ def contrast_rows(data: Data, fit: Fit | None) -> Iterator[ContrastRow | Skipped
         if factors is not None and fit.contrasts is not None:
             cells = [factors.cells[name] for name in fit.environments]
             for table in tables.values():
-                yield from without_data(conditions, factors, cells, table.quantity.label)
+                yield from without_data(data.conditions, factors, cells, table.label)
         yield from posterior_contrasts(fit, tables)
 
 
-def _classical(
-    own: SubjectCells, conditions: Conditions, factors: Factors, table: ContrastTable
-) -> Iterator[ContrastRow | Skipped]:
+def _classical(table: ContrastTable, factors: Factors) -> _Rows:
     """Yield intervals of subjects' own contrasts, and of groups of subjects."""
+    conditions = table.data.conditions
+    try:
+        own = table.data.subject_cells(table.parameter)
+    except RefusalError as refused:
+        yield Skipped(f"contrasts of {table.label}", str(refused))
+        return
     within = [factor for factor in conditions.factors if factor not in conditions.between]
-    reduced = dataclasses.replace(
-        conditions,
-        factors=tuple(within),
-        terms=tuple(term for term in conditions.terms if set(term) <= set(within)),
-    )
+    of_subjects = conditions.only(within)
+    cells = list(own.values)
     levels = {factor: factors.levels[factor] for factor in within}
-    cells = {str(cell): cell for cell in own.cells}
-    factors_within = Factors(levels, cells)
-    of_subjects = comparisons(reduced, factors_within, own.cells)
-    yield from without_data(reduced, factors_within, own.cells, table.quantity.label)
-    for _, family in itertools.groupby(of_subjects, _told_together):
+    factors_within = Factors(levels, {str(cell): cell for cell in cells})
+    yield from without_data(of_subjects, factors_within, cells, table.label)
+    found = comparisons(of_subjects, factors_within, cells)
+    for _, family in itertools.groupby(found, lambda one: (one.factor, one.first, one.second)):
         yield from _of_subjects(own, list(family), table)
     cells_of_all = list(factors.cells.values())
-    for comparison in level_means(conditions, factors, cells_of_all):
-        yield from _of_level(own, comparison, table)
+    for level in level_means(conditions, factors, cells_of_all):
+        yield from _paired(own, own.own(level), np.isfinite(own.at_level(level)), table)
     if len(conditions.between) > 1:
-        what = f"classical contrasts of groups in {table.quantity.label}"
+        what = f"classical contrasts of groups in {table.label}"
         yield Skipped(what, "Welch's test compares the groups of one column only")
         return
     groups = dataclasses.replace(
@@ -97,41 +90,27 @@ def _classical(
         factors=tuple(conditions.between),
         terms=tuple(term for term in conditions.terms if set(term) & conditions.between),
     )
-    yield from without_data(groups, factors, cells_of_all, table.quantity.label)
+    yield from without_data(groups, factors, cells_of_all, table.label)
     for comparison in comparisons(groups, factors, cells_of_all):
         yield from _of_groups(own, factors, comparison, table)
 
 
-def _told_together(comparison: Comparison) -> tuple[str, str, str]:
-    """Name what the contrasts of all references, and of their average, have in common."""
-    return comparison.factor, comparison.first, comparison.second
-
-
-def _of_subjects(
-    cells: SubjectCells, family: Sequence[Comparison], table: ContrastTable
-) -> Iterator[ContrastRow | Skipped]:
+def _of_subjects(cells: SubjectCells, family: Sequence[Comparison], table: ContrastTable) -> _Rows:
     """Yield paired intervals and ratios of SDs, of each reference and of subjects' averages."""
-    values = cells.values
-    label = f"{table.quantity.label}, {family[0].second} against {family[0].first}"
+    label = f"{table.label}, {family[0].second} against {family[0].first}"
     each = [comparison for comparison in family if comparison.environment is not None]
-    complete = pd.DataFrame(
-        {
-            comparison.environment: values[list(comparison.weights)].notna().all(axis=1)
-            for comparison in each
-        }
-    )
-    paired = complete.any(axis=1)
+    complete = np.array([np.isfinite(cells.weighed(one.weights)) for one in each])
+    paired = np.any(complete, axis=0)
     unpaired = int((~paired).sum())
     if unpaired:
         who = counted(unpaired, "subject")
         yield Skipped(f"{who} in contrasts of {label}", "no reference has both levels")
-    for comparison in each:
-        own = values[complete[comparison.environment]]
-        what = f"{label}, in {comparison.environment}"
-        yield from _paired(own, comparison, table, what)
+    for comparison, subjects in zip(each, complete, strict=True):
+        yield from _paired(cells, comparison, subjects, table)
     if len(cells.references) == 1:
         return
-    shared = [str(name) for name in complete.columns[complete[paired].all(axis=0)]]
+    of_all = [one for one, has in zip(each, complete[:, paired], strict=True) if has.all()]
+    shared = [str(comparison.environment) for comparison in of_all]
     if not shared or not paired.any():
         why = "no reference has both levels for every subject"
         yield Skipped(f"overall contrast of {label}", why)
@@ -141,92 +120,74 @@ def _of_subjects(
         what = f"{', '.join(left)} in the overall contrast of {label}"
         yield Skipped(what, "some subjects lack a level there")
     weights: dict[CellKey, float] = {}
-    for comparison in each:
-        if comparison.environment in shared:
-            for cell, weight in comparison.weights.items():
-                weights[cell] = weight / len(shared)
+    for comparison in of_all:
+        for cell, weight in comparison.weights.items():
+            weights[cell] = weight / len(shared)
     overall = dataclasses.replace(
         each[0], environment=None, references=tuple(shared), weights=weights
     )
-    yield from _paired(values[paired], overall, table, f"{label}, overall")
+    yield from _paired(cells, overall, paired, table)
 
 
 def _paired(
-    values: pd.DataFrame, comparison: Comparison, table: ContrastTable, what: str
-) -> Iterator[ContrastRow | Skipped]:
+    cells: SubjectCells, comparison: Comparison, subjects: NDArray[np.bool_], table: ContrastTable
+) -> _Rows:
     """Yield the rows of subjects who have every cell of a contrast."""
-    inference = table.inference
-    n = len(values)
+    asked = table.data.asked
+    what = f"contrast of {table.label}, {comparison.second} against {comparison.first}"
+    if comparison.of != "level":
+        what += f", in {comparison.environment}" if comparison.environment else ", overall"
+    n = int(subjects.sum())
     if n < 2:
-        yield Skipped(f"contrast of {what}", "fewer than two subjects have both levels")
+        yield Skipped(what, "fewer than two subjects have both levels")
         return
-    cells = list(comparison.weights)
-    weights = np.array([comparison.weights[cell] for cell in cells])
-    subject_values = values[cells].to_numpy(dtype=float)
-    second = subject_values @ np.maximum(weights, 0.0)
-    first = subject_values @ np.maximum(-weights, 0.0)
+    weights = np.array(list(comparison.weights.values()))
+    values = cells.in_cells(list(comparison.weights))[subjects]
+    second = values @ np.maximum(weights, 0.0)
+    first = values @ np.maximum(-weights, 0.0)
     try:
-        for kind in inference.kinds:
-            interval, p_value = paired_contrast(second - first, kind, **claim_of(inference))
-            limits = np.array([interval.lower, interval.upper, interval.estimate], dtype=float)
-            yield table.row(
-                comparison,
-                limits,
-                n,
-                method="classical",
-                kind=kind,
-                p_value=p_value if kind == "mean" else None,
-            )
-        if comparison.of != "bias":
-            return
-        ratio = spread_ratio(first, second, level=inference.level)
+        for kind in asked.kinds:
+            interval, p_value = paired_contrast(second - first, kind, **claim_of(asked))
+            ends = [interval.lower, interval.upper, interval.estimate]
+            of_mean = p_value if kind == "mean" else None
+            yield table.row(comparison, ends, n, "classical", kind, p_value=of_mean)
+        if comparison.of == "bias":
+            ratio = spread_ratio(first, second, level=asked.level)
+            ends = [ratio.lower, ratio.upper, ratio.estimate]
+            yield table.row(comparison, ends, ratio.n, "classical", p_value=ratio.p_value)
     except RefusalError as refused:
-        yield Skipped(f"contrast of {what}", str(refused))
-        return
-    limits = np.array([ratio.lower, ratio.upper, ratio.estimate])
-    yield table.row(comparison, limits, ratio.n, method="classical", p_value=ratio.p_value)
-
-
-def _of_level(
-    cells: SubjectCells, comparison: Comparison, table: ContrastTable
-) -> Iterator[ContrastRow | Skipped]:
-    """Yield intervals of subjects' means at one level, over all references."""
-    subject_values = cells.values[cells.at_level(comparison).notna()]
-    own = dataclasses.replace(comparison, weights=cells.weights(comparison.weights))
-    what = f"{table.quantity.label}, {comparison.second} against {comparison.first}"
-    yield from _paired(subject_values, own, table, what)
+        yield Skipped(what, str(refused))
 
 
 def _of_groups(
     cells: SubjectCells, factors: Factors, comparison: Comparison, table: ContrastTable
-) -> Iterator[ContrastRow | Skipped]:
+) -> _Rows:
     """Yield Welch's interval and the F interval of subjects' values in two groups."""
-    (column,) = map(str, cells.groups)
+    ((column, levels),) = cells.groups.items()
     place = list(factors.levels).index(column)
     first, second = comparison.groups
     # Both groups' values weigh the same cells, which the second one's part of the contrast tells.
     of_second = {
         cell: weight for cell, weight in comparison.weights.items() if cell[1][place] == second
     }
-    weighed = cells.weighed(cells.weights(of_second)).dropna()
-    own = cells.groups[column][weighed.index]
-    samples = [weighed[own == level].to_numpy() for level in (first, second)]
-    n = sum(len(sample) for sample in samples)
+    part = dataclasses.replace(comparison, weights=of_second)
+    weighed = cells.weighed(cells.own(part).weights)
+    samples = [weighed[np.isfinite(weighed) & (levels == level)] for level in (first, second)]
     where = comparison.environment or "overall"
-    what = f"contrast of {table.quantity.label}, {comparison.second} against {comparison.first}"
+    what = f"contrast of {table.label}, {comparison.second} against {comparison.first}, {where}"
     if min(len(sample) for sample in samples) < 2:
-        yield Skipped(f"{what}, {where}", "a group has fewer than two subjects with all cells")
+        yield Skipped(what, "a group has fewer than two subjects with all cells")
         return
     moments = [Moments.from_values(sample) for sample in samples]
     if min(float(part.sd) for part in moments) == 0.0:
-        yield Skipped(f"{what}, {where}", "all subjects of a group have one value")
+        yield Skipped(what, "all subjects of a group have one value")
         return
-    level = table.inference.level
-    means = group_contrast(*moments, level=level)
-    ends = [means.lower, means.upper, means.estimate]
-    yield table.row(comparison, ends, n, method="classical", kind="mean", p_value=means.p_value)
-    if comparison.interaction:
-        return
-    ratio = group_spread_ratio(*moments, level=level)
-    ends = [ratio.lower, ratio.upper, ratio.estimate]
-    yield table.row(comparison, ends, n, method="classical", p_value=ratio.p_value)
+    n = sum(len(sample) for sample in samples)
+    level = table.data.asked.level
+    found = group_contrast(*moments, level=level)
+    ends = [found.lower, found.upper, found.estimate]
+    yield table.row(comparison, ends, n, "classical", "mean", p_value=found.p_value)
+    if not comparison.interaction:
+        ratio = group_spread_ratio(*moments, level=level)
+        ends = [ratio.lower, ratio.upper, ratio.estimate]
+        yield table.row(comparison, ends, n, "classical", p_value=ratio.p_value)

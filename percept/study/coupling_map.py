@@ -19,15 +19,13 @@ from percept.boundary.feels_real import Evidence, feels_real, share_error
 from percept.boundary.users import Users
 from percept.haptics import Coupling, Environment, TabulatedDevice
 from percept.haptics.rendering import can_render
-from percept.results import AdmissibleCouplings, ConfirmedCoupling, EnvironmentCouplings
-from percept.results.fields import Method
+from percept.inference.record import Method
+from percept.results import AdmissibleCouplings, ConfirmedCoupling, EnvironmentCouplings, Skipped
 from percept.scene import Scene
-from percept.study.basics import Array, Skipped
+from percept.study.basics import Array
 from percept.study.device import Setup, map_frequencies, stiffness_span
 from percept.study.stable_couplings import StableCouplings
 from percept.study.verdicts import frequencies, relative_sd
-
-__all__ = ["coupling_map", "no_coupling_map"]
 
 #: Draws of the users behind a map of couplings: 0.95 is known to 0.014 by them.
 _MAP_DRAWS = 256

@@ -26,8 +26,6 @@ from percept.study.conditions import Conditions, conditions_of
 from percept.study.responses import Trials, references, trials
 from percept.study.subject_cells import SubjectCells, subject_cells
 
-__all__ = ["TOO_FEW", "Cell", "Data", "ValuesOfSubjects"]
-
 TOO_FEW = "it has fewer than two subjects"
 #: Others whose scatter a distance is measured in: one alone has none.
 _FEWEST_OTHERS = 2

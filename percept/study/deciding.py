@@ -19,8 +19,6 @@ from percept.boundary.feels_real import edge_of
 from percept.results import MoreSubjects
 from percept.study.basics import Array
 
-__all__ = ["ASSURANCE", "more_subjects"]
-
 #: Probability with which the wanted number decides; as in plans of interval widths.
 ASSURANCE = 0.8
 #: Subjects beyond which no number is given.

@@ -26,31 +26,17 @@ from percept.haptics.perceived import Display
 from percept.haptics.plane import Boxes
 from percept.haptics.records import AnyDevice
 from percept.haptics.stability import coupling_bound
+from percept.inference.record import Family
 from percept.results import Coupling as JudgedCoupling
-from percept.results import Membership, Shape
-from percept.results.fields import Family
+from percept.results import Membership, Shape, Skipped
 from percept.scene import DeviceTable, FrequencyTable, Scene
 from percept.sessions.options import FileLimits
 from percept.sessions.quantities import is_impedance
 from percept.sessions.typed import csv_frame
-from percept.study.basics import Array, Skipped
+from percept.study.basics import Array
 from percept.study.data import Data
 from percept.study.device_draws import DeviceDraws, device_draws
 from percept.study.regions import Region
-
-__all__ = [
-    "BOXES",
-    "Setup",
-    "StiffnessSpan",
-    "device_of",
-    "loop_of",
-    "map_frequencies",
-    "read_response",
-    "referenced",
-    "setup_of",
-    "stiffness_span",
-    "study_coupling",
-]
 
 #: Curves around a rectangle of (k, b), by shape.
 BOXES = {"corner": haptics.corner_curves, "envelope": haptics.magnitude_envelope}

@@ -19,8 +19,6 @@ from percept.study.basics import Array
 from percept.study.device import Setup
 from percept.study.regions import Law
 
-__all__ = ["DeviceCurves"]
-
 #: Points of the law of (k, b), as many as devices are drawn: limits are known to 0.02 of a band's
 #: half-width by them.
 _POINTS = 4096

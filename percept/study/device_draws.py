@@ -24,8 +24,6 @@ from percept.sessions.options import FileLimits
 from percept.sessions.typed import csv_frame
 from percept.study.basics import Array, Stream, generator
 
-__all__ = ["DeviceDraws", "device_draws", "device_stability", "margins_of_draws"]
-
 #: Devices drawn, at most: 20 lie beyond a limit with a tail of 0.5 %. A power of two: Sobol's
 #: points are then even.
 _COUNT = 4096

@@ -14,6 +14,7 @@ from percept import haptics
 from percept.boundary.users import Users
 from percept.errors import RefusalError
 from percept.haptics.records import AnyDevice
+from percept.inference.record import Method
 from percept.results import (
     AdmissibleCouplings,
     Band,
@@ -22,12 +23,12 @@ from percept.results import (
     Coupling,
     OtherDevices,
     Rendered,
+    Skipped,
     Verdict,
     ZWidth,
 )
-from percept.results.fields import Method
 from percept.study.band import Banded, band_study, with_band
-from percept.study.basics import Skipped, select
+from percept.study.basics import select
 from percept.study.boundaries import (
     JOINTS,
     BoundaryDrawing,
@@ -50,8 +51,6 @@ from percept.study.verdicts import (
     study_verdicts,
     subjects_of,
 )
-
-__all__ = ["Displayed"]
 
 #: Frequencies of a close view; its window is narrow, and its curves are smooth.
 _CLOSE_POINTS = 61

@@ -14,22 +14,12 @@ from percept.inference.model.laws import Moments
 from percept.inference.model.limits import Limits, limits_of
 from percept.inference.model.model import Model
 from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
-from percept.results import IntervalRow
+from percept.results import IntervalRow, Skipped
 from percept.scene import InferenceTable
-from percept.study.basics import Array, Skipped, claim_of
+from percept.study.basics import Array, claim_of
 from percept.study.data import Data
 from percept.study.intervals import bayesian_row
 from percept.study.prepare import Prepared
-
-__all__ = [
-    "Fit",
-    "RunStore",
-    "bayesian_rows",
-    "estimands_of",
-    "fit_of",
-    "fitted",
-    "sampled",
-]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -19,11 +19,11 @@ from percept.results import (
     MethodPair,
     PseLineRow,
     PsychophysicsRow,
+    Skipped,
 )
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.anova import anova_rows, level_values
-from percept.study.basics import Skipped
 from percept.study.contrast_table import chosen_contrasts
 from percept.study.data import Data
 from percept.study.intervals import COLUMNS, KEYS, classical_rows, method_pairs
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
     from percept.study.fit import Fit, RunStore
 
-__all__ = ["Inferred"]
 
 T = TypeVar("T")
 

@@ -10,12 +10,10 @@ from typing import Any
 from percept.errors import RefusalError
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.record import ROW, Interval, Joint, Kind
-from percept.results import IntervalRow, MethodPair
+from percept.results import IntervalRow, MethodPair, Skipped
 from percept.scene import InferenceTable
-from percept.study.basics import IF_BY_TRIAL, Skipped, claim_of, known
+from percept.study.basics import IF_BY_TRIAL, claim_of, known
 from percept.study.data import Data
-
-__all__ = ["COLUMNS", "KEYS", "bayesian_row", "classical_rows", "method_pairs"]
 
 COLUMNS = ["environment", "parameter", *(name for name in ROW if name != "covers"), "reference"]
 KEYS = COLUMNS[:6]

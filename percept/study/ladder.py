@@ -12,19 +12,17 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import RefusalError
+from percept.inference.record import Kind
 from percept.inference.sampling.diagnostics import (
     autocorrelation_time,
     monte_carlo_error,
     thin_walkers,
 )
 from percept.results import IntervalRow, Ladder, LadderEffect
-from percept.results.fields import Kind
 from percept.scene import InferenceTable, Scene
 from percept.study.data import Data
 from percept.study.fit import Fit, estimands_of, fit_of, sampled
 from percept.study.prepare import modelled_together, prepare, prepare_apart
-
-__all__ = ["climb", "sentence"]
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
 _TOLERANCE = 0.05

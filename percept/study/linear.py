@@ -31,8 +31,6 @@ from percept.study.conditions import (
 from percept.study.data import Data
 from percept.study.responses import Trials
 
-__all__ = ["Compared", "ContrastPlan", "linear_study", "side_by_side"]
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Compared:

@@ -8,13 +8,10 @@ from collections.abc import Iterator, Mapping
 from percept.boundary.feels_real import judge, rough_probability
 from percept.boundary.users import Users
 from percept.haptics import Device, can_render
-from percept.results import ChangedVerdict, OtherDevices
-from percept.results.fields import Method
+from percept.inference.record import Method
+from percept.results import ChangedVerdict, OtherDevices, Skipped
 from percept.scene import Scene
-from percept.study.basics import Skipped
 from percept.study.device import Setup, map_frequencies, stiffness_span
-
-__all__ = ["no_other_devices", "other_devices"]
 
 #: Draws of the users behind a probability: it is known to 0.02 by them, and differences better.
 _DEVICE_DRAWS = 512

@@ -30,7 +30,6 @@ from percept.study.fit import Fit
 if TYPE_CHECKING:
     from xarray import DataTree
 
-__all__ = ["posterior_tree", "variables_of_posterior"]
 
 #: Draws kept of each chain, at most. Four chains of as many suffice for plots and summaries, and
 #: make a file of few megabytes.

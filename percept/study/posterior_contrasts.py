@@ -25,14 +25,12 @@ from percept.inference.model.laws import Moments
 from percept.inference.model.limits import Limits, level_together, limits_of
 from percept.inference.record import Kind
 from percept.inference.sampling.lines import line_limits
-from percept.results import ContrastRow
+from percept.results import ContrastRow, Skipped
 from percept.scene import InferenceTable
-from percept.study.basics import Array, Skipped, Stream, generator
+from percept.study.basics import Array, Stream, generator
 from percept.study.contrast_table import ContrastTable
 from percept.study.fit import Fit
 from percept.study.linear import Compared, ContrastPlan
-
-__all__ = ["posterior_contrasts"]
 
 #: Draws of the scales, S, that joint draws are made for. Every k-th draw of the fit is kept, with k
 #: a whole number: up to twice as many stay.
@@ -66,17 +64,17 @@ def posterior_contrasts(
         return
     plan = fit.contrasts
     first_table = next(iter(tables.values()))
-    contrasts = _Contrasts(fit, plan, first_table.inference)
+    contrasts = _Contrasts(fit, plan, first_table.data.asked)
     for compared, ends in contrasts.limits():
         # A slope of the model is for one SD of its covariate, and a row's for one unit of it:
         # `unit` is that SD. It is 1 for all other contrasts, and slopes are in no family.
         limits = np.array([ends.lower, ends.upper, ends.estimate]) / compared.comparison.unit
         yield tables[compared.parameter].row(
             compared.comparison,
-            limits,
+            limits.tolist(),
             compared.subjects,
-            method="bayesian",
-            kind=ends.kind,
+            "bayesian",
+            ends.kind,
             together=ends.together,
         )
     yield from _spreads(fit, plan, tables)
@@ -180,15 +178,16 @@ def _spreads(
     """Yield ratios of the SDs between users, and where their limits miss the tolerance."""
     for compared in plan.spreads:
         table = tables[compared.parameter]
+        asked = table.data.asked
         comparison = compared.comparison
         log_ratio = plan.log_ratio(compared)
-        limits = line_limits(fit.model, fit.run, log_ratio, table.inference.level)
+        limits = line_limits(fit.model, fit.run, log_ratio, asked.level)
         ends = np.exp([limits.lower, limits.upper, limits.median])
-        yield table.row(comparison, ends, compared.subjects, method="bayesian")
-        if limits.error > table.inference.tolerance:
+        yield table.row(comparison, ends.tolist(), compared.subjects, "bayesian")
+        if limits.error > asked.tolerance:
             where = comparison.environment or "overall"
             levels = f"{comparison.second} against {comparison.first}"
-            what = f"{table.quantity.label}, {levels}, {where}"
+            what = f"{table.label}, {levels}, {where}"
             error = f"{100.0 * limits.error:.2g} %"
             why = f"the Monte Carlo error of its limits is {error} of a half-width"
             yield Skipped(f"the tolerance in the ratio of SDs of {what}", why)

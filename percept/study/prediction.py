@@ -16,10 +16,10 @@ from percept.inference.model.laws import Joint
 from percept.inference.model.limits import NewLimits, limits_of
 from percept.inference.model.predictions import new_environment, new_name
 from percept.inference.record import Kind
-from percept.results import Boundary, IntervalRow
+from percept.results import Boundary, IntervalRow, Skipped
 from percept.scene import InferenceTable
 from percept.sessions.quantities import IMPEDANCE, Quantities, Quantity, is_impedance
-from percept.study.basics import Array, Skipped, Stream, generator
+from percept.study.basics import Array, Stream, generator
 from percept.study.boundaries import BoundaryDrawing
 from percept.study.fit import Fit, estimands_of, sampled
 from percept.study.intervals import bayesian_row
@@ -29,7 +29,6 @@ from percept.study.responses import ResponseScale, refuse_no_ratio
 if TYPE_CHECKING:
     from percept.study.study import Study
 
-__all__ = ["Prediction", "expected_users", "predict"]
 
 # Spreads of the new environment per posterior draw: its spread is drawn from the trend.
 _REPEATS = 4

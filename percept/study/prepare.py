@@ -13,9 +13,10 @@ from percept.inference.model.design import Options
 from percept.inference.model.model import LinearModel, Model, Resolution, plain_model
 from percept.inference.model.product import Product, Unpooled
 from percept.inference.model.statistics import Statistics, from_summary
+from percept.results import Skipped
 from percept.scene import Scene
 from percept.sessions.quantities import IMPEDANCE, Quantities
-from percept.study.basics import Array, Skipped, priors_of
+from percept.study.basics import Array, priors_of
 from percept.study.data import Data
 from percept.study.linear import ContrastPlan, linear_study, side_by_side
 from percept.study.responses import (
@@ -26,8 +27,6 @@ from percept.study.responses import (
     resolution_of,
 )
 from percept.study.subject_trials import subject_trials
-
-__all__ = ["Prepared", "modelled_together", "pooled", "prepare", "prepare_apart", "prepared_beside"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -31,7 +31,6 @@ from percept.study.data import Data
 if TYPE_CHECKING:
     from percept.study.fit import Fit
 
-__all__ = ["checks_of", "diagnostics_of", "provenance_of", "what_was_read"]
 
 #: Libraries whose versions decide the last digits of a result.
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")

@@ -15,29 +15,16 @@ from percept.boundary.law import BEYOND, PairLaw, confidence_law, mixture_law
 from percept.errors import RefusalError
 from percept.inference.record import Family, Kind, Method
 from percept.inference.regions import EllipseRegion, ellipse_region
-from percept.results import IntervalRow
+from percept.results import IntervalRow, Skipped
 from percept.scene import InferenceTable
 from percept.sessions.quantities import is_impedance
-from percept.study.basics import FAMILIES, Array, Skipped
+from percept.study.basics import FAMILIES, Array
 from percept.study.data import Data
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
     from percept.study.responses import ResponseScale
 
-__all__ = [
-    "Law",
-    "LawKind",
-    "PosteriorPairs",
-    "Region",
-    "SubjectPairs",
-    "displayable",
-    "laws_of",
-    "posterior_law",
-    "rectangles",
-    "regions_of",
-    "subject_pairs",
-]
 
 #: A share of users has neither a law nor an ellipse.
 LawKind = Literal["mean", "user"]

@@ -13,8 +13,6 @@ from percept.results import Rendered, RenderedEdge, RenderedWall, ZWidth
 from percept.study.device import Setup
 from percept.study.device_draws import DeviceDraws, device_stability
 
-__all__ = ["study_rendering", "study_zwidth", "z_width"]
-
 #: Share of the devices of a posterior that render what counts as likely.
 _LIKELY = 0.95
 

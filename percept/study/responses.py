@@ -12,27 +12,16 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError, counted
+from percept.results import Skipped
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
-from percept.study.basics import IF_BY_TRIAL, Array, References, Skipped
+from percept.study.basics import IF_BY_TRIAL, Array, References
 
 if TYPE_CHECKING:
     from percept.inference.model.model import Resolution
     from percept.inference.model.statistics import Statistics
 
-__all__ = [
-    "ResponseScale",
-    "Trials",
-    "by_difference",
-    "decades",
-    "lacking_scatter",
-    "references",
-    "refuse_lone_subject",
-    "refuse_no_ratio",
-    "resolution_of",
-    "trials",
-]
 
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values
 #: printed to six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.

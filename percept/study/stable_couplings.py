@@ -13,8 +13,6 @@ from percept.haptics.rendering import needed_damping, rendering_margins
 from percept.study.basics import Array
 from percept.study.device import Setup
 
-__all__ = ["Chance", "StableCouplings"]
-
 #: A coupling that needs as many times what the environments need directly shows itself by a tenth
 #: at most: it counts as rigid.
 _RIGID = 10.0

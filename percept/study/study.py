@@ -15,11 +15,11 @@ import pandas as pd
 from percept import results
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import fields_html
-from percept.results import Checks, Diagnostics, Part, Provenance, Results
+from percept.results import Checks, Diagnostics, Part, Provenance, Results, Skipped
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study import records
-from percept.study.basics import Skipped, select
+from percept.study.basics import select
 from percept.study.conditions import told_apart
 from percept.study.data import Data
 from percept.study.displayed import Displayed
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
     from percept.study.fit import RunStore
 
-__all__ = ["Study"]
 
 #: Does some work while the caller goes on: gives a function that waits for its result.
 Beside = Callable[[Callable[[], Any]], AbstractContextManager[Callable[[], Any]]]

@@ -10,11 +10,10 @@ from scipy import optimize
 
 from percept.inference.model.subject_spreads import chance_of_differences
 from percept.inference.model.trials import trial_scatter
+from percept.results import Skipped
 from percept.scene import Scene
-from percept.study.basics import Array, Skipped
+from percept.study.basics import Array
 from percept.study.responses import Trials
-
-__all__ = ["SubjectTrials", "subject_trials"]
 
 #: Subjects beyond which their own trial SDs take the sampler too long to be the default.
 _MOST_SUBJECTS = 60

@@ -20,8 +20,6 @@ from percept.sessions.quantities import quantity_of
 from percept.sessions.records import Notice
 from percept.study.basics import analysed_parameters
 
-__all__ = ["at_typical_references"]
-
 #: Environments made of a study that has one only. A line over references takes two; five show
 #: whether the means depart from it, and leave each a fifth of the trials.
 _RANGES = 5

@@ -44,10 +44,6 @@ from percept.study.regions import SubjectPairs
 if TYPE_CHECKING:
     from percept.study.fit import Fit
 
-__all__ = [
-    "Subjects", "frequencies", "leaning_on_slips", "likely_users", "posterior_users",
-    "relative_sd", "study_verdicts", "subjects_of",
-]  # fmt: skip
 
 #: Most draws of the posterior: a probability of 0.95 is known to 0.003 by them.
 _MOST_DRAWS = 4096

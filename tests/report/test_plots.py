@@ -1,5 +1,6 @@
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -78,7 +79,8 @@ def test_a_boundary_is_drawn_as_it_is_computed(both_study, ax):
 
 def test_the_band_is_drawn_at_its_impedances(both_study, ax):
     assert both_study.plot_band(ax=ax) is ax
-    rows = both_study.band.rows.query("family == 'lognormal' and method == 'bayesian'")
+    rows = pd.DataFrame(both_study.band.rows)
+    rows = rows.query("family == 'lognormal' and method == 'bayesian'")
     points = next(line for line in ax.lines if line.get_label() == "Bayesian (lognormal)")
     np.testing.assert_allclose(points.get_xydata(), rows[["impedance", "band"]].to_numpy())
     with pytest.raises(UsageError, match="'x': there is no band of it"):

@@ -9,9 +9,8 @@ from percept import Scene, Study, UsageError, read_sessions
 from percept.haptics import Environment, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.regions import ellipse_region
-from percept.results import Boundary
+from percept.results import Boundary, Skipped
 from percept.sessions import Sessions
-from percept.study.basics import Skipped
 from percept.study.boundaries import zoom_windows
 from tests import DATASETS
 from tests.study.checked import table_of

@@ -9,7 +9,7 @@ from scipy import stats
 import percept
 from percept import Scene, Study, read_sessions
 from percept.inference.checks.left_out import Loo, Predicted
-from percept.study.basics import Skipped
+from percept.results import Skipped
 from percept.study.checks import subject_tables
 from tests import DATASETS
 from tests.study.checked import study_of, table_of
@@ -139,22 +139,6 @@ def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):
     within = np.abs(np.log(users / named["population_mean"])) < stats.norm.ppf(0.75) * spread
     # Cells of one draw share the subject's effects.
     assert np.mean(within) == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / (within.size / 6)))
-
-
-def test_prior_quantiles_are_in_native_units(clean):
-    prior = {
-        (row.environment, row.parameter, row.kind): row.quantiles for row in clean.checks.prior
-    }
-    for (environment, parameter), reference in {("VE1", "k"): 100.0, ("VE3", "b"): 25.0}.items():
-        mean = prior[environment, parameter, "mean"]
-        # The prior of a mean's bias is centred at none; log is near N(0, 1 + gamma and tau shares).
-        assert np.log(mean["50"] / reference) == pytest.approx(
-            0.0, abs=5 * 1.3 * 1.26 / np.sqrt(40_000)
-        )
-        assert 1.0 < np.log(mean["95"] / reference) / stats.norm.ppf(0.95) < 1.4
-        user = prior[environment, parameter, "user"]
-        assert user["95"] > mean["95"]
-        assert user["5"] < mean["5"]
 
 
 def test_the_tree_says_who_made_it_and_no_time(clean):

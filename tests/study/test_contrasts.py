@@ -72,34 +72,6 @@ def test_contrasts_are_those_of_subjects_means(family):
     assert row_of(found, None)["references"] == ("VE1", "VE2", "VE3")
 
 
-def test_contrasts_say_what_they_cover():
-    found = study(frame()).contrasts
-    assert (
-        row_of(found, "VE1")["covers"]
-        == "The typical user's ratio of stiffness (right over left) lies between the limits, with"
-        " 95 % confidence (from 8 of 8 users, with both levels)."
-    )
-    assert row_of(found, None, kind="share")["covers"].startswith(
-        "For at least 99 % of all users the ratio of stiffness (right over left) lies between the"
-        " limits"
-    )
-    assert row_of(study(frame(), "normal").contrasts, "VE1", kind="user")["covers"].startswith(
-        "The next user's difference of stiffness (right less left, in references) lies"
-    )
-
-
-def test_two_quantities_say_that_each_stands_by_itself():
-    table = frame().assign(b_ref=2.0)
-    table["b_adj"] = 2.0 * (table["k_adj"] / table["k_ref"]) ** 0.5
-    found = study(table).contrasts
-    assert set(found["parameter"]) == {"k", "b"}
-    assert (
-        found["covers"]
-        .str.endswith("Each quantity is compared by itself, without correlations.")
-        .all()
-    )
-
-
 def test_priors_of_the_contrast_are_the_scene_s():
     made = study(frame(trials=1), model={"priors": {"lambda_sd": 0.3}})
     scene = made.scene.with_inference(method="bayesian", tolerance=0.3)
@@ -120,7 +92,6 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     assert row["references"] == ("VE1", "VE2")
     assert row["n"] == 7
     assert (row["of_subjects"], row["of_references"]) == (8, 3)
-    assert "from 7 of 8 users, with both levels, over 2 of 3 references: VE1, VE2" in row["covers"]
     document = build_document(made)
     assert (
         "with 95 % confidence, from 7 of 8 users and 2 of 3 references, VE1 and VE2."
@@ -155,7 +126,6 @@ def test_contrasts_without_a_ratio_are_in_the_quantity_s_unit(reference):
         interval = stats.ttest_rel(right, left).confidence_interval(0.95)
         assert (row["lower"], row["upper"]) == pytest.approx((interval.low, interval.high))
         assert row["unit"] == "N/m"
-        assert "(right less left, in N/m)" in row["covers"]
         page = page_of(build_document(made))
         assert "bias (N/m)" in page
         assert " N/m, <data" in page
@@ -358,7 +328,6 @@ def test_the_mean_of_a_level_is_that_of_subjects_means(family):
         )
         assert pd.isna(row["environment"])
         assert row["first"] == "the reference"
-        assert "over all 3 references" in row["covers"]
 
 
 @pytest.mark.parametrize("family", ["lognormal", "normal"])
@@ -375,8 +344,6 @@ def test_a_contrast_can_be_asked_for_either_way_round(family):
             assert (other.lower, other.upper) == (-row.upper, -row.lower)
         else:
             assert (other.lower, other.upper) == (1.0 / row.upper, 1.0 / row.lower)
-        assert "right over left" in row.covers or "right less left" in row.covers
-        assert "left over right" in other.covers or "left less right" in other.covers
     with pytest.raises(UsageError, match="no such term"):
         made.contrast("foot: left - right")
     with pytest.raises(UsageError, match="'left - both': hand has no such contrast of two levels"):
@@ -392,7 +359,7 @@ def test_limits_that_hold_together_turn_with_a_contrast(unit, turned_together):
         parameter="k", of="bias", kind="mean", method="bayesian", family="normal", level=0.9,
         share=None, confidence=None, lower=1.2, estimate=2.0, upper=2.8, lower_together=1.0,
         upper_together=3.0, unit=unit, p_value=None, within=True, n=4, of_subjects=4,
-        of_references=1, covers="right over left",
+        of_references=1,
     )  # fmt: skip
     alone = dataclasses.replace(row, lower_together=None, upper_together=None)
     turned = chosen_contrasts([row, alone], "hand: left - right")

@@ -95,4 +95,3 @@ def test_a_covariate_of_one_environment_has_the_slope_of_least_squares():
     assert np.log(slope.estimate) == pytest.approx(expected.slope, abs=0.05 * expected.stderr)
     half_width = 0.5 * np.log(slope.upper / slope.lower)
     assert half_width == pytest.approx(stats.t.ppf(0.975, 28) * expected.stderr, rel=0.1)
-    assert "references" not in slope.covers

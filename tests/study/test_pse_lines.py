@@ -7,9 +7,8 @@ from scipy import optimize, stats
 
 from percept import Scene, Study
 from percept.inference.model.predictions import new_environment
-from percept.results import PseLineRow
+from percept.results import PseLineRow, Skipped
 from percept.sessions import Sessions
-from percept.study.basics import Skipped
 
 
 def rows_of(study):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from percept.results import EquivalenceRow, PsychophysicsRow, Skipped
 from percept.study.data import Data
 from percept.study.psychophysics.classical import absent_jnds, classical_psychophysics
-from percept.study.psychophysics.equivalence import classical_equivalence
+from percept.study.psychophysics.equivalence import classical_equivalence, posterior_equivalence
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -36,6 +36,4 @@ def equivalence(data: Data, fit: Fit | None) -> Iterator[EquivalenceRow | Skippe
     if data.asked.method != "bayesian":
         yield from classical_equivalence(data)
     if fit is not None:
-        from percept.study.psychophysics.posterior_equivalence import posterior_equivalence
-
         yield from posterior_equivalence(fit, data)

@@ -21,13 +21,11 @@ from percept.inference.classical.variability import (
     sd_interval,
     trial_mean_squares,
 )
-from percept.results import PsychophysicsRow
-from percept.study.basics import Array, Skipped
+from percept.results import PsychophysicsRow, Skipped
+from percept.study.basics import Array
 from percept.study.data import Cell, Data
 from percept.study.psychophysics.site import Site
 from percept.study.responses import Trials
-
-__all__ = ["absent_jnds", "classical_psychophysics"]
 
 
 def classical_psychophysics(data: Data) -> Iterator[PsychophysicsRow]:

@@ -12,8 +12,6 @@ from percept.inference.model.laws import Moments
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.study.basics import Array
 
-__all__ = ["DrawLimits", "bounded_means"]
-
 
 @dataclass(frozen=True)
 class DrawLimits:

@@ -7,22 +7,17 @@ any reference are roots of a mixture of normal laws, as limits at environments a
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from percept.inference.classical.variability import Bounded
-from percept.inference.model.model import LinearModel
+from percept.inference.model.laws import Moments
 from percept.inference.model.predictions import trend_rows
-from percept.results import PseLineRow
-from percept.scene import InferenceTable
-from percept.study.basics import Array, Skipped
+from percept.results import PseLineRow, Skipped
+from percept.study.basics import Array
 from percept.study.data import Data
 from percept.study.fit import Fit
 from percept.study.psychophysics.limits import bounded_means
 from percept.study.psychophysics.site import exp, mapped
-
-__all__ = ["posterior_lines"]
 
 #: References of a line, evenly spaced in decades: its limits are smooth between them.
 _POINTS = 25
@@ -35,22 +30,30 @@ _MOST_TOLERANCES = 10.0
 def posterior_lines(fit: Fit, data: Data) -> Iterator[PseLineRow | Skipped]:
     """Yield the line of each quantity in each condition, reference by reference."""
     for density, points in fit.model.split(fit.points):
-        lines = []
+        tested: dict[int, Array] = {}
         for p, parameter in enumerate(density.statistics.parameters):
             names = density.statistics.environments
-            tested = np.array([data.reference[parameter, name] for name in names])
-            why = _why_not(np.unique(tested))
+            references = np.array([data.reference[parameter, name] for name in names])
+            why = _why_not(np.unique(references))
             if why:
-                what = f"line of {fit.quantities[parameter].label} over the reference"
-                yield Skipped(what, why)
+                yield Skipped(_what(data, parameter), why)
             else:
-                lines.append(_Line(fit, density, data.asked, p, tested))
-        if lines:
-            for condition, (heights, slopes) in trend_rows(density).items():
-                for line in lines:
-                    height = heights[line.number]
-                    slope = slopes[line.number]
-                    yield from line.rows(condition, points, height, slope)
+                tested[p] = references
+        if not tested:
+            continue
+        subjects = len(density.statistics.subjects)
+        for condition, (heights, slopes) in trend_rows(density).items():
+            for p, references in tested.items():
+                where = density.statistics.parameters[p], condition
+                at = _references(references)
+                decades = np.log10(at) - np.log10(references).mean()
+                rows = heights[p] + np.multiply.outer(decades, slopes[p])
+                laws = density.moments(points, rows)
+                yield from _line(laws, at, data, where, subjects)
+
+
+def _what(data: Data, parameter: str) -> str:
+    return f"line of {data.quantities[parameter].label} over the reference"
 
 
 def _why_not(references: Array) -> str:
@@ -64,52 +67,38 @@ def _why_not(references: Array) -> str:
     return ""
 
 
-@dataclass(frozen=True, eq=False)
-class _Line:
-    """What the lines of one quantity have in common."""
+def _references(tested: Array) -> Array:
+    """Return the references of a line: it ends where the study ends."""
+    return np.geomspace(tested.min(), tested.max(), _POINTS)
 
-    fit: Fit
-    density: LinearModel
-    asked: InferenceTable
-    number: int  # Of the quantity, in its model
-    tested: Array  # (J,) References of the environments
 
-    def rows(
-        self, condition: str, points: Array, height: Array, slope: Array
-    ) -> Iterator[PseLineRow | Skipped]:
-        """Yield a row for each reference, by weights (R,) of the line's height and its slope."""
-        asked = self.asked
-        quantity = self.fit.quantities[self.density.statistics.parameters[self.number]]
-        references = np.geomspace(self.tested.min(), self.tested.max(), _POINTS)
-        decades = np.log10(references) - np.log10(self.tested).mean()
-        rows = height + np.multiply.outer(decades, slope)
-        limits_at = bounded_means(self.density.moments(points, rows), asked.level, len(points))
-        # In half-widths.
-        worst = max(2.0 * (own.error or 0.0) / (own.upper - own.lower) for own in limits_at)
-        if worst > _MOST_TOLERANCES * asked.tolerance:
-            what = f"line of {quantity.label} over the reference"
-            why = f"the Monte Carlo error of its limits is {worst:.0%} of a half-width"
-            yield Skipped(what, why)
-            return
-        for value, limits in zip(references.tolist(), limits_at, strict=True):
-            pse = self._native(value, limits)
-            yield PseLineRow(
-                parameter=quantity.name,
-                condition=condition,
-                method="bayesian",
-                family=asked.family,
-                level=asked.level,
-                reference=value,
-                estimate=pse.estimate,
-                lower=pse.lower,
-                upper=pse.upper,
-                error=pse.error,
-                unit=quantity.unit,
-                n=len(self.density.statistics.subjects),
-            )
+def _line(
+    laws: Moments, at: Array, data: Data, where: tuple[str, str], subjects: int
+) -> Iterator[PseLineRow | Skipped]:
+    """Yield a row for each reference, from the laws of responses there."""
+    asked = data.asked
+    parameter, condition = where
+    limits_at = bounded_means(laws, asked.level, len(laws.mean))
+    # In half-widths.
+    worst = max(2.0 * (own.error or 0.0) / (own.upper - own.lower) for own in limits_at)
+    if worst > _MOST_TOLERANCES * asked.tolerance:
+        why = f"the Monte Carlo error of its limits is {worst:.0%} of a half-width"
+        yield Skipped(_what(data, parameter), why)
+        return
+    for reference, limits in zip(at.tolist(), limits_at, strict=True):
 
-    def _native(self, reference: float, bounded: Bounded) -> Bounded:
-        """Return responses to a reference in its unit."""
-        if self.fit.scale.log:
-            return mapped(bounded, lambda response: reference * exp(response))
-        return mapped(bounded, lambda response: reference * (1.0 + response))
+        def native(response: float, reference: float = reference) -> float:
+            log = asked.family == "lognormal"
+            return reference * (exp(response) if log else 1.0 + response)
+
+        yield PseLineRow(
+            parameter=parameter,
+            condition=condition,
+            method="bayesian",
+            family=asked.family,
+            level=asked.level,
+            reference=reference,
+            **vars(mapped(limits, native)),
+            unit=data.quantities[parameter].unit,
+            n=subjects,
+        )

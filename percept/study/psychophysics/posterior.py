@@ -32,8 +32,6 @@ from percept.study.fit import Fit
 from percept.study.psychophysics.limits import DrawLimits, bounded_means
 from percept.study.psychophysics.site import Site, exp, mapped
 
-__all__ = ["posterior_psychophysics"]
-
 
 def posterior_psychophysics(fit: Fit, data: Data) -> Iterator[PsychophysicsRow]:
     """Yield the Bayesian rows of a fit that passed."""

@@ -13,8 +13,6 @@ from percept.results.psychophysics import Measure, PsychophysicsRow
 from percept.sessions.quantities import Quantity
 from percept.study.data import Data
 
-__all__ = ["Site", "exp", "expm1", "mapped"]
-
 #: The quartile of a standard normal: half of all adjustments lie within so many SDs.
 _QUARTILE = 0.6744897501960817
 #: Of what has no exponential among the doubles: SDs of several decades lead beyond.
