@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from fractions import Fraction
 from functools import lru_cache
 from typing import Any, Literal, Self
 
@@ -200,23 +199,24 @@ def trial_columns(quantities: Iterable[str]) -> tuple[str, ...]:
 
 
 @lru_cache
-def factor(unit: str | None, quantity: Quantity) -> Fraction:
-    """Exact factor from a declared unit to the quantity's; pint is imported if it must."""
+def factor(unit: str | None, quantity: Quantity) -> float:
+    """Factor from a declared unit to the quantity's; pint is imported if it must."""
     if unit is None or unit == quantity.unit or unit in _SAME.get(quantity.unit, ()):
-        return Fraction(1)
+        return 1.0
     import pint
 
     try:
-        units = _quantity(1, quantity.unit).units
-        one = Fraction(_quantity(1, unit).to(units).magnitude)
-        two = Fraction(_quantity(2, unit).to(units).magnitude)
-        if two != 2 * one:
+        units = _parsed(quantity.unit)
+        one, two = ((number * _parsed(unit)).to(units).magnitude for number in (1.0, 2.0))
+        if not math.isclose(two, 2.0 * one):
             raise ValueError("a unit with an offset")
-        return one
     except (pint.errors.PintError, ValueError, TypeError, AttributeError, ArithmeticError):
         message = f"not a unit of {quantity.label}."
         hint = f"Declare one that converts to {quantity.unit or 'a pure number'}."
         raise UsageError(message, key="unit", value=unit, hint=hint) from None
+    # Where a factor has few digits, those are meant: pint multiplies several.
+    short = float(f"{one:.12g}")
+    return short if math.isclose(short, one, rel_tol=1e-15) else one
 
 
 def amount_in(quantity: Quantity, text: str, *, key: str | None = None) -> float:
@@ -239,23 +239,24 @@ def amount_in(quantity: Quantity, text: str, *, key: str | None = None) -> float
         hint = f'Write it as "{f"150 {quantity.unit}".strip()}".'
         message = f"no positive amount of {quantity.label} with its unit."
         raise UsageError(message, key=key, value=text, hint=hint)
-    return value * float(factor(unit or None, quantity))
+    return value * factor(unit or None, quantity)
 
 
-def _quantity(number: int, unit: str) -> Any:
+def _parsed(unit: str) -> Any:
+    """Return a unit as pint's."""
     if unit and not _UNIT.fullmatch(unit):
         raise ValueError(unit)
     text = re.sub(r"\bNs\b", "N*s", unit)
     for sign, plain in _SIGNS.items():
         text = text.replace(sign, plain)
-    return _registry().Quantity(Fraction(number), text or "dimensionless")
+    return _registry().Unit(text or "dimensionless")
 
 
 @lru_cache
 def _registry() -> Any:
     import pint
 
-    return pint.UnitRegistry(non_int_type=Fraction)
+    return pint.UnitRegistry()
 
 
 def convert(
@@ -263,6 +264,6 @@ def convert(
 ) -> npt.NDArray[np.float64]:
     """Convert numbers to the quantity's unit, rounding once."""
     scale = factor(unit, quantity)
-    if scale.numerator == 1:
-        return values / scale.denominator
-    return values * float(scale)
+    inverse = round(1.0 / scale)
+    # A thousandth is no double, and a thousand is one.
+    return values / inverse if inverse > 1 and 1.0 / inverse == scale else values * scale

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +13,10 @@ import pandas as pd
 from percept.errors import PerceptError, counted, printable
 from percept.sessions.options import ReadOptions
 from percept.sessions.read import Sessions, read_sessions
-from percept.sessions.records import Exclusion, Notice, ReadError, Source, summarised
+from percept.sessions.records import Notice, ReadError, Source, summarised
 
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
 _VERDICTS = ("read without problems", "read, but no analysis is possible")
-
-
-@dataclass(frozen=True)
-class EnvironmentRead:
-    """What was understood of one environment."""
-
-    name: str
-    references: Mapping[str, float]  #: By quantity, in its unit
-    subjects: int
-    #: Fewest and most trials of a subject; None for published limits.
-    trials: tuple[int, int] | None
 
 
 @dataclass(frozen=True)
@@ -35,22 +24,45 @@ class Validation:
     """What was read of a study, or why it cannot be read."""
 
     exit_code: int = 0  #: 0 read, 1 an analysis would refuse (one subject), 2 problems
-    form: str | None = None  #: As the next four, of :class:`~percept.sessions.Sessions`
-    sources: tuple[Source, ...] = ()
-    counts: Mapping[str, int] = field(default_factory=dict)
-    notices: tuple[Notice, ...] = ()  #: With the warnings
-    exclusions: tuple[Exclusion, ...] = ()
-    environments: tuple[EnvironmentRead, ...] = ()
-    units: Mapping[str, str] = field(default_factory=dict)  #: Of the references, by quantity
+    sessions: Sessions | None = None  #: None where there are problems
     problems: tuple[PerceptError, ...] = ()
     problems_total: int = 0  #: All of them, where not all were kept
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """The files read."""
+        return self.sessions.sources if self.sessions else ()
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """What the reader announced, with the warnings."""
+        if self.sessions is None:
+            return ()
+        alone = (_ALONE,) if self.exit_code else ()
+        return (*self.sessions.notices, *self.sessions.warnings, *alone)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain tables for JSON; of a problem its message, place, value and hint."""
         names = ("message", "file", "row", "column", "key", "value", "hint")
-        problems = [{name: getattr(problem, name) for name in names} for problem in self.problems]
-        plain = dataclasses.asdict(dataclasses.replace(self, problems=()))
-        return plain | {"problems": problems}
+        plain: dict[str, Any] = {
+            "exit_code": self.exit_code,
+            "form": None,
+            "sources": [dataclasses.asdict(source) for source in self.sources],
+            "counts": {},
+            "notices": [dataclasses.asdict(notice) for notice in self.notices],
+            "exclusions": [],
+            "environments": [],
+            "units": {},
+            "problems": [{name: getattr(own, name) for name in names} for own in self.problems],
+            "problems_total": self.problems_total,
+        }
+        if self.sessions is not None:
+            plain["form"] = self.sessions.form
+            plain["counts"] = dict(self.sessions.counts)
+            plain["exclusions"] = [dataclasses.asdict(left) for left in self.sessions.exclusions]
+            plain["environments"] = _environments(self.sessions)
+            plain["units"] = _units(self.sessions)
+        return plain
 
 
 def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validation:
@@ -70,38 +82,33 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
     try:
         sessions = read_sessions(*paths, scene=options)
     except ReadError as error:
-        return Validation(
-            exit_code=error.exit_code, problems=error.problems, problems_total=error.total
-        )
+        return Validation(error.exit_code, None, error.problems, error.total)
     except PerceptError as error:
-        return Validation(exit_code=error.exit_code, problems=(error,), problems_total=1)
-    notices = [*sessions.notices, *sessions.warnings]
-    alone = sessions.form == "trials" and len(sessions.subjects) < 2
-    if alone:
-        notices.append(_ALONE)
-    return Validation(
-        exit_code=int(alone),
-        form=sessions.form,
-        sources=sessions.sources,
-        counts=dict(sessions.counts),
-        notices=tuple(notices),
-        exclusions=sessions.exclusions,
-        environments=tuple(_environments(sessions)),
-        units={name: sessions.quantities[name].unit for name in sessions.parameters},
-    )
+        return Validation(error.exit_code, None, (error,), 1)
+    return Validation(int(len(sessions.subjects) == 1), sessions)
 
 
-def _environments(sessions: Sessions) -> Iterator[EnvironmentRead]:
-    """Give a record of each environment: references, subjects, and trials of a subject."""
+def _units(sessions: Sessions) -> dict[str, str]:
+    """Name the unit of each quantity's references."""
+    return {name: sessions.quantities[name].unit for name in sessions.parameters}
+
+
+def _environments(sessions: Sessions) -> list[dict[str, Any]]:
+    """Say of each environment its references, subjects, and the fewest and most trials of one."""
+    found = []
     for name, rows in sessions.by_environment():
         if sessions.form == "summary":
             references = dict(zip(rows["parameter"], rows["reference"].tolist(), strict=True))
-            yield EnvironmentRead(name, references, int(rows["n"].max()), None)
-            continue
-        trials = rows.groupby("subject").size()
-        references = {p: float(rows[f"{p}_ref"].iloc[0]) for p in sessions.parameters}
-        several = (int(trials.min()), int(trials.max()))
-        yield EnvironmentRead(name, references, len(trials), several)
+            subjects = int(rows["n"].max())
+            trials = None
+        else:
+            references = {p: float(rows[f"{p}_ref"].iloc[0]) for p in sessions.parameters}
+            counts = rows.groupby("subject").size()
+            subjects = len(counts)
+            trials = [int(counts.min()), int(counts.max())]
+        own = {"name": name, "references": references, "subjects": subjects, "trials": trials}
+        found.append(own)
+    return found
 
 
 def format_validation(found: Validation, *, say: Callable[[str], str] = str) -> str:
@@ -121,15 +128,16 @@ def format_validation(found: Validation, *, say: Callable[[str], str] = str) -> 
     lines = []
     for source in found.sources:
         lines.append(f"{source.name}: {source.rows} rows, sha256 {source.sha256}")
-    for reason, number in found.counts.items():
-        lines.append(f"  {number:>9}  {say(reason)}")
-    if found.environments:
-        table = pd.DataFrame([_line(environment, found, say) for environment in found.environments])
-        lines += table.to_string(index=False).splitlines()
-    lines += [f"notice: {notice}" for notice in found.notices]
-    for left in found.exclusions:
-        place = f"{left.file}:{left.row}"
-        lines.append(f"left out: {place}: subject {left.who}, {left.what}: {left.why}")
+    if found.sessions is not None:
+        for reason, number in found.sessions.counts.items():
+            lines.append(f"  {number:>9}  {say(reason)}")
+        units = _units(found.sessions)
+        table = [_line(own, units, say) for own in _environments(found.sessions)]
+        lines += pd.DataFrame(table).to_string(index=False).splitlines()
+        lines += [f"notice: {notice}" for notice in found.notices]
+        for left in found.sessions.exclusions:
+            place = f"{left.file}:{left.row}"
+            lines.append(f"left out: {place}: subject {left.who}, {left.what}: {left.why}")
     lines += summarised(found.problems)
     unkept = found.problems_total - len(found.problems)
     if unkept:
@@ -142,17 +150,15 @@ def format_validation(found: Validation, *, say: Callable[[str], str] = str) -> 
 
 
 def _line(
-    environment: EnvironmentRead, found: Validation, say: Callable[[str], str]
+    own: Mapping[str, Any], units: Mapping[str, str], say: Callable[[str], str]
 ) -> dict[str, str | int]:
     """Line of the table of environments."""
-    line: dict[str, str | int] = {say("environment"): printable(environment.name)}
-    for p, unit in found.units.items():
-        value = environment.references.get(p)
+    line: dict[str, str | int] = {say("environment"): printable(own["name"])}
+    for p, unit in units.items():
+        value = own["references"].get(p)
         written = "–" if value is None or value != value else f"{value:g}"
         line[f"{p}_ref ({unit})" if unit else f"{p}_ref"] = written
-    trials = "published"
-    if environment.trials is not None:
-        trials = " to ".join(str(number) for number in dict.fromkeys(environment.trials))
-    line[say("subjects")] = environment.subjects
-    line[say("trials per subject")] = trials
+    line[say("subjects")] = own["subjects"]
+    trials = own["trials"] or ["published"]
+    line[say("trials per subject")] = " to ".join(map(str, dict.fromkeys(trials)))
     return line
