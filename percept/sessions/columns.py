@@ -187,11 +187,17 @@ def _named_by_reference(found: dict[str, ColumnRule], options: ReadOptions) -> l
 
 
 def _kind_of_error(header: Header, options: ReadOptions) -> type[UsageError]:
-    """Say what a missing column makes of a file: without declared adjustments it is no table."""
+    """Say what a missing column makes of a file: without a column of adjustments it is no table."""
+    names = {plain(name) for name in header.names}
     stems = {name.partition(".")[0] for name in header.names}
-    adjusted = [rule.name for column, rule in options.columns.items() if column.endswith("_adj")]
-    there = [name for name in adjusted if name.partition(".")[0] in stems or "{" in name]
-    return NoDataError if adjusted and not there else UsageError
+    known = aliases(options.quantities)
+    for column in (f"{name}_adj" for name in options.quantities):
+        rule = options.columns.get(column)
+        if rule is None and names & {column, *known[column]}:
+            return UsageError
+        if rule is not None and ("{" in rule.name or rule.name.partition(".")[0] in stems):
+            return UsageError
+    return NoDataError
 
 
 def aliases(quantities: Quantities) -> dict[str, frozenset[str]]:
@@ -287,10 +293,8 @@ def check_columns(
     names = " and ".join(missing)
     hints = ["Name it in the scene's [columns]."]
     if "subject" in missing:
-        hints = [
-            "Name it in the scene's [columns], or take it from file names with [sessions]"
-            ' filename = "{subject}".'
-        ]
+        file_names = 'or take it from file names with [sessions] filename = "{subject}".'
+        hints = [f"Name it in the scene's [columns], {file_names}"]
     if "_adj" in names and options.quantities == IMPEDANCE:
         hints.append("[quantities] names what people adjusted beside stiffness and damping.")
     if "_ref" in names:
@@ -298,26 +302,24 @@ def check_columns(
     if header.paths:
         hints.append(f"Or run: percept new scene.toml --from {shlex.join(header.paths)}")
     message = f"there is no column for {names}; the columns are {shown(header.names)}."
-    has_numbers = present & {*numbers_of(options.quantities)}
-    kind = UsageError if has_numbers else NoDataError
+    kind = UsageError if present & {*numbers_of(options.quantities)} else NoDataError
     raise header.error(message, missing[0].split(" ")[0], " ".join(hints), kind)
 
 
 def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str]:
     """Name the missing columns of numbers: an adjustment, and a reference for each."""
-    adjusted = [f"{name}_adj" for name in options.quantities]
-    if not any(column in present for column in adjusted):
-        first, *others = adjusted
+    first, *others = (f"{name}_adj" for name in options.quantities)
+    if not {first, *others} & {*present}:
         return [f"{first} (or {' or '.join(others)})" if others else first]
     declared = {name for own in options.environments.values() for name in own}
     missing = []
     for name, quantity in options.quantities.items():
-        has_adjusted = f"{name}_adj" in present
-        has_reference = f"{name}_ref" in present or not quantity.is_matched
-        if has_adjusted and not has_reference and f"{name}_ref" not in declared:
-            missing.append(f"{name}_ref")
-        if has_reference and quantity.is_matched and not has_adjusted:
-            missing.append(f"{name}_adj")
+        adjusted = f"{name}_adj"
+        reference = f"{name}_ref"
+        if quantity.is_matched and adjusted in present and reference not in {*present, *declared}:
+            missing.append(reference)
+        if quantity.is_matched and reference in present and adjusted not in present:
+            missing.append(adjusted)
     return missing
 
 

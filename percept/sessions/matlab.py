@@ -76,11 +76,27 @@ def vectors(found: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
 def columns(value: Any) -> dict[str, Sequence[Any]]:
     """Columns of a struct, of an array of structs, or of a matrix."""
     if isinstance(value, list):
-        return {name: [plain(row[name]) for row in value] for name in value[0]}
+        return _below_one_another(value)
     if not isinstance(value, dict):
         stood = value.T if value.ndim == 2 else [value]
         value = {f"column {number}": column for number, column in enumerate(stood, 1)}
     return {name: [plain(item) for item in _cells(column)] for name, column in value.items()}
+
+
+def _below_one_another(structs: Sequence[Mapping[str, Any]]) -> dict[str, Sequence[Any]]:
+    """Columns of an array of structs; where a struct holds vectors, its single values repeat."""
+    table: dict[str, list[Any]] = {name: [] for name in structs[0]}
+    for number, struct_ in enumerate(structs, 1):
+        fields = {name: list(map(plain, _cells(struct_[name]))) or [""] for name in table}
+        lengths = {len(cells) for cells in fields.values()} - {1}
+        if len(lengths) > 1:
+            shapes = ", ".join(f"{name} {len(cells)}" for name, cells in fields.items())
+            message = f"the vectors of struct {number} have different lengths: {shapes}"
+            raise ValueError(message)
+        rows = max(lengths, default=1)
+        for name, cells in fields.items():
+            table[name] += cells if len(cells) == rows else cells * rows
+    return dict(table)
 
 
 def _cells(column: Any) -> Any:
@@ -114,8 +130,30 @@ def _of_earlier(data: bytes, file: str, limits: FileLimits) -> _Variables:
     found: _Variables = {}
     for name, value in loadmat(stream, simplify_cells=True).items():
         if not name.startswith("__"):
-            found[name] = value if isinstance(value, dict | list) else np.atleast_1d(value)
+            found |= _apart(name, value)
     return found
+
+
+def _apart(name: str, value: Any) -> _Variables:
+    """Give the structs inside a struct as variables of their own, such as "study.trials"."""
+    if not isinstance(value, dict | list):
+        return {name: np.atleast_1d(value)}
+    inner = {}
+    if isinstance(value, dict):
+        inner = {f"{name}.{key}": own for key, own in value.items() if _is_struct(own)}
+    if not inner:
+        return {name: value}
+    found: _Variables = {}
+    for own_name, own in inner.items():
+        found |= _apart(own_name, own)
+    return found
+
+
+def _is_struct(value: Any) -> bool:
+    """Whether a value is a struct, or an array of them."""
+    return isinstance(value, dict) or (
+        isinstance(value, list) and bool(value) and isinstance(value[0], dict)
+    )
 
 
 def _inflated(data: bytes, order: str, file: str, limits: FileLimits) -> bytes:

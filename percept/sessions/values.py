@@ -40,7 +40,7 @@ _NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
 #: it.
 _NO_NUMBERS = (
     (
-        r"[+-]?[0-9]{1,3}([,.' ][0-9]{3})+([.,][0-9]*)?",
+        r"[+-]?[0-9]{1,3}([,.'\s][0-9]{3})+([.,][0-9]*)?",
         "not a plain number: separators of thousands are not read.",
         "Write it without them.",
     ),
@@ -53,6 +53,11 @@ _NO_NUMBERS = (
         r"(?s:=.*)",
         "a formula without its result, not a number.",
         "Open the workbook in Excel or LibreOffice, save it there, and read it again.",
+    ),
+    (
+        r"[0-9]{1,2}[-./ ]+[^\W\d_]{3,}[0-9 .]*|[0-9]{4}(-[0-9]{2}){2}.*|([0-9]+[./]){2}[0-9]+",
+        "a date, not a number.",
+        "Spreadsheets make dates of numbers such as 1.5: import the column as text.",
     ),
     (r"(?s:.*%)", "a percentage, not a number.", "Write it as a fraction, 0.95 for 95%."),
     (

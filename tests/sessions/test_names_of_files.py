@@ -46,6 +46,13 @@ def test_a_companion_without_declared_columns_is_left_out(tmp_path):
     assert notice.endswith(" (and 1 more like this)")
 
 
+def test_a_tracker_without_a_column_that_is_declared_is_left_out(tmp_path):
+    (tmp_path / "trial_results.csv").write_text("ppid,wall,k_ref,k_adj\n1,a,10,11\n2,a,10,9\n")
+    (tmp_path / "hand_T001.csv").write_text("time,pos_x\n0.01,1\n")
+    scene = ReadOptions(columns={"environment": "wall"})
+    assert read_sessions(tmp_path, scene=scene).subjects == ("1", "2")
+
+
 def test_notices_of_many_files_are_one_with_their_number(tmp_path):
     for subject in range(1, 31):
         lines = [f"{subject},a,10,{10 + trial},{trial}" for trial in range(subject)]

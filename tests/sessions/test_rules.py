@@ -49,6 +49,9 @@ def refusal(tmp_path, text, tables=None, **kwargs):
         ('"1,286"', "can be read as 1.286 or as 1286"),
         ('"1,286.5"', "separators of thousands are not read"),
         ("1.286.000", "separators of thousands are not read"),
+        ("1\u202f286", "separators of thousands are not read"),
+        ("01. Mai", "a date, not a number"),
+        ("2024-05-01", "a date, not a number"),
         ('"[0.36, 0.55]"', "a list or a record"),
     ],
 )
@@ -281,6 +284,7 @@ def test_units_are_declared_converted_and_checked(tmp_path):
     assert "unit" in error.hint
     sessions = read(tmp_path, rows, {"columns": {"k_adj": {"name": "k_adj", "unit": "N/mm"}}})
     assert sessions.table["k_adj"].tolist() == [1100.0, 900.0]
+    assert error.hint.endswith('If the numbers are right, declare unit = "N/m" for both.')
     both = {column: {"name": column, "unit": "N/m"} for column in ("k_adj", "k_ref")}
     sessions = read(tmp_path, rows, {"columns": both})
     assert any("their units seem to differ" in notice.text for notice in sessions.notices)

@@ -177,6 +177,31 @@ def test_matlab_is_read_however_it_is_laid_out(tmp_path, layout):
     same_as_frame(tmp_path / "m.mat")
 
 
+def per_subject():
+    """An array of structs, each a subject with vectors."""
+    kinds = [(name, object) for name in NAMES]
+    structs = np.zeros((1, 3), dtype=kinds)
+    for index, (subject, rows) in enumerate(FRAME.groupby("subject", sort=False)):
+        walls = np.array(rows["environment"].tolist(), dtype=object)
+        structs[0, index] = (subject, walls, *rows[["k_ref", "k_adj"]].to_numpy().T)
+    return structs
+
+
+def test_structs_that_hold_vectors_are_melted(tmp_path):
+    path = tmp_path / "m.mat"
+    savemat(path, {"S": per_subject()})
+    same_as_frame(path)
+    savemat(path, {"study": {"info": {"date": "2024-05-01"}, "trials": columns()}})
+    assert "several tables; there are 'study.info', 'study.trials'." in refusal(path)
+    same_as_frame(f"{path}::study.trials")
+    more = np.repeat(per_subject(), 2)
+    for index in range(len(NAMES)):
+        more[0][index] = np.arange(2.0 + index)
+    savemat(path, {"S": more})
+    message = "vectors of struct 1 have different lengths: subject 2, environment 3, k_ref 4"
+    assert message in refusal(path)
+
+
 @pytest.mark.parametrize(
     ("place", "number", "message"),
     [
