@@ -55,7 +55,7 @@ def variables(data: bytes, file: str, limits: FileLimits) -> _Variables:
     return _of_earlier(data, file, limits)
 
 
-def tables(found: Mapping[str, Any]) -> list[str]:
+def tables(found: _Variables) -> list[str]:
     """Name the variables that are tables; none where vectors of one length have more rows."""
     names = [name for name, value in found.items() if not _is_vector(value)]
     lengths = [value.size for name, value in found.items() if name not in names]
@@ -64,7 +64,7 @@ def tables(found: Mapping[str, Any]) -> list[str]:
     return [] if repeated and rows and max(repeated) > max(rows) else names
 
 
-def vectors(found: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
+def vectors(found: _Variables) -> dict[str, Sequence[Any]]:
     """Give the variables that are one column each."""
     return {
         name: [plain(item) for item in value.ravel()]
@@ -83,7 +83,7 @@ def columns(value: Any) -> dict[str, Sequence[Any]]:
     return {name: [plain(item) for item in _cells(column)] for name, column in value.items()}
 
 
-def _below_one_another(structs: Sequence[Mapping[str, Any]]) -> dict[str, Sequence[Any]]:
+def _below_one_another(structs: Sequence[_Variables]) -> dict[str, Sequence[Any]]:
     """Columns of an array of structs; where a struct holds vectors, its single values repeat."""
     table: dict[str, list[Any]] = {name: [] for name in structs[0]}
     for number, struct_ in enumerate(structs, 1):

@@ -17,6 +17,7 @@ from percept.sessions.records import Notice, ReadError, Source, summarised
 
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
 _VERDICTS = ("read without problems", "read, but no analysis is possible")
+_Plain = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,10 @@ class Validation:
         alone = (_ALONE,) if self.exit_code else ()
         return (*self.sessions.notices, *self.sessions.warnings, *alone)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> _Plain:
         """Return it as plain tables for JSON; of a problem its message, place, value and hint."""
         names = ("message", "file", "row", "column", "key", "value", "hint")
-        plain: dict[str, Any] = {
+        plain: _Plain = {
             "exit_code": self.exit_code,
             "form": None,
             "sources": [dataclasses.asdict(source) for source in self.sources],
@@ -93,7 +94,7 @@ def _units(sessions: Sessions) -> dict[str, str]:
     return {name: sessions.quantities[name].unit for name in sessions.parameters}
 
 
-def _environments(sessions: Sessions) -> list[dict[str, Any]]:
+def _environments(sessions: Sessions) -> list[_Plain]:
     """Say of each environment its references, subjects, and the fewest and most trials of one."""
     found = []
     for name, rows in sessions.by_environment():
@@ -149,9 +150,7 @@ def format_validation(found: Validation, *, say: Callable[[str], str] = str) -> 
     return "\n".join(printable(line) for line in lines)
 
 
-def _line(
-    own: Mapping[str, Any], units: Mapping[str, str], say: Callable[[str], str]
-) -> dict[str, str | int]:
+def _line(own: _Plain, units: Mapping[str, str], say: Callable[[str], str]) -> dict[str, str | int]:
     """Line of the table of environments."""
     line: dict[str, str | int] = {say("environment"): printable(own["name"])}
     for p, unit in units.items():
