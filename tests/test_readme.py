@@ -175,7 +175,7 @@ def test_the_readme_is_short():
     assert len(README.read_text(encoding="utf-8").splitlines()) <= 140
 
 
-@pytest.mark.parametrize("module", ["scene_reference", "api_reference"])
+@pytest.mark.parametrize("module", ["scene_reference", "api_reference", "report_reference"])
 def test_a_reference_follows_the_code(module, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     reference = importlib.import_module(module)

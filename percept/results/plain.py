@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 #: A record or a mapping as JSON holds it.
 JsonObject = dict[str, Any]
 
+#: Characters that move a terminal's cursor or hide text: C1 controls, and marks of direction.
+_HIDDEN = re.compile("[\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 
@@ -69,14 +72,16 @@ def dumps(document: JsonObject) -> str:
     Returns
     -------
     str
-        Lists of numbers stand on one line.
+        Lists of numbers stand on one line. Characters that a terminal would obey are escaped.
 
     Raises
     ------
     ValueError
         Where a NaN or an infinity is left.
     """
-    return _indented(document, "") + "\n"
+    text = _indented(document, "") + "\n"
+    # They stand in texts only.
+    return _HIDDEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def _indented(value: Any, indent: str) -> str:

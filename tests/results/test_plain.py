@@ -34,6 +34,15 @@ def test_records_arrays_and_tables_become_json_values():
     }
 
 
+@pytest.mark.parametrize("hidden", ["\x1b[2J", "\x9b2J", "\x85", "\u202e", "\u2066", "\u2028"])
+def test_what_a_terminal_obeys_is_escaped_and_reads_back(hidden):
+    document = {f"k{hidden}": [f"a{hidden}é"]}
+    text = dumps(document)
+    assert text.replace("\n", "").isprintable()
+    assert "é" in text
+    assert json.loads(text) == document
+
+
 def test_what_has_no_plain_form_is_refused():
     with pytest.raises(TypeError, match="object has no plain form"):
         plain({"x": object()})
