@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
-from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
-from percept.errors import UsageError, counted
+from percept.errors import UsageError
 from percept.sessions import doubts
 from percept.sessions.checks import TRIAL, check_summary, check_units, refuse_repeats
 from percept.sessions.merged import count_grid, make_absolute, settle_references, without_ends
@@ -377,62 +376,3 @@ def _telling_columns(log: Log, opened: _Opened) -> list[str]:
             if levels <= _MOST_LEVELS and not merged.duplicated([*TRIAL, name]).any():
                 telling[name] = levels
     return sorted(telling, key=lambda name: telling[name])
-
-
-def refuse_gaps(sessions: Sessions, column: str) -> None:
-    """Refuse a column that does not put every row of trials into a group."""
-    if sessions.form == "summary":
-        message = "published limits have no subjects to divide."
-        raise UsageError(message, column=column, hint="Give sessions, or two studies.")
-    table = sessions.table
-    if column not in table:
-        message = f"the sessions have no such column; they have {', '.join(map(str, table))}."
-        hint = (
-            "Read the files with the scene that names it: read_sessions(files, scene=scene)."
-            f' A column of groups is kept by [sessions] groups = ["{column}"].'
-        )
-        raise UsageError(message, column=column, hint=hint)
-    blank = table[column].astype(str).str.strip() == ""
-    if blank.any():
-        file, row = sessions.locate(int(table.index[blank][0]))
-        message = f"{counted(int(blank.sum()), 'row')} without a value."
-        hint = "Fill them in, or leave such rows out with [sessions] exclude."
-        raise UsageError(message, file=file, row=row, column=column, hint=hint)
-    if table[column].nunique() < 2:
-        raise UsageError("all rows have one value: there is nothing to compare.", column=column)
-
-
-def by_level(sessions: Sessions, columns: Sequence[str]) -> Sessions:
-    """Tell environments apart by the levels of columns, such as "VE1 (left)"."""
-    if sessions.factors is not None or not columns:
-        return sessions
-    for column in columns:
-        refuse_gaps(sessions, column)
-    names = sessions.table["environment"]
-    of_rows = [sessions.table[column].astype(str) for column in columns]
-    levels = {column: tuple(own.unique()) for column, own in zip(columns, of_rows, strict=True)}
-    present = set(zip(names, *of_rows, strict=True))
-    cells: dict[str, tuple[str, tuple[str, ...]]] = {}
-    factors = Factors(levels, cells)
-    for environment, *combined in product(sessions.environments, *levels.values()):
-        if (environment, *combined) not in present:
-            continue
-        cell = factors.cell(environment, combined)
-        if cell in cells:
-            message = f"two cells would have the name {cell!r}."
-            hint = "Name environments or levels without brackets."
-            raise UsageError(message, column=columns[0], hint=hint)
-        cells[cell] = (environment, tuple(combined))
-    table = sessions.table.assign(environment=_cells(sessions.table, columns))
-    at_limits = sessions.at_limits
-    if len(at_limits):
-        at_limits = at_limits.assign(environment=_cells(at_limits, columns))
-    return replace(sessions, table=table, factors=factors, at_limits=at_limits)
-
-
-def _cells(table: pd.DataFrame, columns: Sequence[str]) -> pd.Series[str]:
-    """Name the cell of each row, as :meth:`Factors.cell` does."""
-    levels = table[columns[0]].astype(str)
-    for column in columns[1:]:
-        levels = levels + ", " + table[column].astype(str)
-    return table["environment"] + " (" + levels + ")"

@@ -133,7 +133,8 @@ class Factors:
         """Environments in the order of their cells."""
         return list(dict.fromkeys(environment for environment, _ in self.cells.values()))
 
-    def cell(self, environment: str, levels: Sequence[str]) -> str:
+    @staticmethod
+    def cell(environment: str, levels: Sequence[str]) -> str:
         """Name the cell of an environment at a level of each column."""
         return f"{environment} ({', '.join(levels)})"
 

@@ -17,9 +17,9 @@ from percept.inference.classical.contrasts import group_contrast, group_spread_r
 from percept.results import Boundary
 from percept.sessions import Sessions
 from percept.sessions.quantities import trial_columns
-from percept.sessions.read import refuse_gaps
 from percept.sessions.records import SUMMARY_COLUMNS
 from percept.study.basics import Array, Stream, generator
+from percept.study.conditions import refuse_gaps
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit

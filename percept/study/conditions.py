@@ -9,12 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from percept.errors import UsageError
+from percept.errors import UsageError, counted
 from percept.results import Skipped
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE, Term, terms_of
-from percept.sessions.read import by_level, refuse_gaps
 from percept.sessions.records import Factors
 from percept.study.basics import Array
 from percept.study.trial_references import at_typical_references
@@ -89,6 +88,63 @@ def told_apart(sessions: Sessions, scene: Scene) -> Sessions:
     if by_trial:
         sessions = at_typical_references(sessions, scene)
     return by_level(sessions, conditions_of(sessions, scene).factors)
+
+
+def refuse_gaps(sessions: Sessions, column: str) -> None:
+    """Refuse a column that does not put every row of trials into a group."""
+    if sessions.form == "summary":
+        message = "published limits have no subjects to divide."
+        raise UsageError(message, column=column, hint="Give sessions, or two studies.")
+    table = sessions.table
+    if column not in table:
+        message = f"the sessions have no such column; they have {', '.join(map(str, table))}."
+        hint = (
+            "Read the files with the scene that names it: read_sessions(files, scene=scene)."
+            f' A column of groups is kept by [sessions] groups = ["{column}"].'
+        )
+        raise UsageError(message, column=column, hint=hint)
+    blank = table[column].astype(str).str.strip() == ""
+    if blank.any():
+        file, row = sessions.locate(int(table.index[blank][0]))
+        message = f"{counted(int(blank.sum()), 'row')} without a value."
+        hint = "Fill them in, or leave such rows out with [sessions] exclude."
+        raise UsageError(message, file=file, row=row, column=column, hint=hint)
+    if table[column].nunique() < 2:
+        raise UsageError("all rows have one value: there is nothing to compare.", column=column)
+
+
+def by_level(sessions: Sessions, columns: Sequence[str]) -> Sessions:
+    """Tell environments apart by the levels of columns, such as "VE1 (left)"."""
+    if sessions.factors is not None or not columns:
+        return sessions
+    for column in columns:
+        refuse_gaps(sessions, column)
+    table = sessions.table
+    levels = {name: tuple(table[name].astype(str).unique()) for name in columns}
+    present = set(table[["environment", *columns]].astype(str).itertuples(index=False, name=None))
+    cells: dict[str, tuple[str, tuple[str, ...]]] = {}
+    for environment, *combined in itertools.product(sessions.environments, *levels.values()):
+        if (environment, *combined) not in present:
+            continue
+        cell = Factors.cell(environment, combined)
+        if cell in cells:
+            message = f"two cells would have the name {cell!r}."
+            hint = "Name environments or levels without brackets."
+            raise UsageError(message, column=columns[0], hint=hint)
+        cells[cell] = (environment, tuple(combined))
+
+    def told_apart(rows: pd.DataFrame) -> pd.DataFrame:
+        """Name the cell of each row as its environment."""
+        texts = rows[["environment", *columns]].astype(str).itertuples(index=False, name=None)
+        return rows.assign(environment=[Factors.cell(name, own) for name, *own in texts])
+
+    at_limits = sessions.at_limits
+    return dataclasses.replace(
+        sessions,
+        table=told_apart(table),
+        factors=Factors(levels, cells),
+        at_limits=told_apart(at_limits) if len(at_limits) else at_limits,
+    )
 
 
 def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:

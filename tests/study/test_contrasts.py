@@ -14,8 +14,8 @@ from percept.report.contrast import contrast_sentences
 from percept.report.tables import csv_tables
 from percept.results import ContrastRow
 from percept.sessions import ReadError, ReadOptions, Sessions
-from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
+from percept.study.conditions import by_level
 from percept.study.contrast_table import chosen_contrasts
 from tests import DATASETS
 from tests.documents import as_results, build_document, page_of
