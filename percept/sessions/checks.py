@@ -1,4 +1,7 @@
-"""What makes a study unreadable though each of its files can be read: units, repeats, limits."""
+"""What makes a study unreadable though each of its files can be read.
+
+Each check gives what it finds in the table; `Log.refuse` takes it up with its file and line.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,9 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 import pandas as pd
 
+from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import IDS, Notice, shown
+from percept.sessions.records import IDS, Found, Notice, shown
 from percept.sessions.tables import Log
 
 #: What tells a trial from others.
@@ -20,18 +24,73 @@ _OTHER_UNIT = 100.0
 #: three of it is one.
 _THOUSAND = 1000.0
 _ABOUT = 3.0
+#: A whole turn in units of angles.
+_TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0}
+_TURNS |= dict.fromkeys(("rad", "radian", "radians"), 2 * np.pi)
 
 
-def refuse_repeats(table: pd.DataFrame, cell: list[str], log: Log, telling: Sequence[str]) -> None:
-    """Refuse rows that repeat what tells trials apart; there are some.
+def angles(table: pd.DataFrame, parameters: Iterable[str], options: ReadOptions) -> Iterator[Found]:
+    """Refuse angles beyond half a turn, which have no mean: 350 and 10 deg lie beside each other.
+
+    Differences from the references within half a turn are none.
+    """
+    for p in parameters:
+        quantity = options.quantities[p]
+        turn = _TURNS.get(quantity.unit.casefold())
+        if turn is None:
+            continue
+        rule = options.columns.get(f"{p}_adj")
+        if rule is not None and rule.response == "difference":
+            yield from _far_differences(table, quantity, turn / 2)
+        else:
+            yield from _whole_turns(table, quantity, turn / 2)
+
+
+def _whole_turns(table: pd.DataFrame, quantity: Quantity, half: float) -> Iterator[Found]:
+    """Find references, or adjustments about them, that reach beyond half a turn."""
+    name = f"{quantity.name}_adj"
+    pairs = table[[f"{quantity.name}_ref", name]].dropna().to_numpy(dtype=float)
+    if not len(pairs):
+        return
+    references = pairs[:, 0]
+    which = "adjustments lie"
+    if max(np.ptp(references), np.abs(references).max()) > half:
+        which = "references reach"
+    elif np.abs(pairs[:, 1] - references).max() <= half:
+        return
+    message = (
+        f"{quantity.label} in {quantity.unit} wraps: {which} beyond half a turn,"
+        f" {half:.4g} {quantity.unit}."
+    )
+    hint = (
+        f"Give {name} a column of adjusted − reference, within half a turn:"
+        f' {name} = {{ name = "…", response = "difference" }} in [columns].'
+        " If the knob can turn more than once its angle does not wrap: give it in turns,"
+        ' unit = "turn".'
+    )
+    yield Found(message, name, hint=hint)
+
+
+def _far_differences(table: pd.DataFrame, quantity: Quantity, half: float) -> Iterator[Found]:
+    """Find the first difference that goes the long way round."""
+    column = f"{quantity.name}_adj"
+    far = table[column][table[column].abs() > half]
+    if len(far):
+        unit = quantity.unit
+        message = f"a difference of more than half a turn, {half:.4g} {unit}; {len(far)} in all."
+        hint = f"Add or subtract {2 * half:.4g} {unit}."
+        yield Found(message, column, int(far.index[0]), float(far.iloc[0]), hint)
+
+
+def repeats(table: pd.DataFrame, cell: list[str], log: Log, telling: Sequence[str]) -> Found:
+    """Say that rows repeat what tells trials apart; there are some.
 
     Each of the columns `telling` would tell all of them apart.
     """
-    place = log.places(table)
     again = table.index[table.duplicated(cell)]
     count = len(again)
     first = table.loc[again[0]]
-    origin = place(int(np.argmax((table[cell] == first[cell]).all(axis=1))))
+    origin = log.places(table)(int(np.argmax((table[cell] == first[cell]).all(axis=1))))
     names = ", ".join(f"{column} {shown([str(first[column])])}" for column in IDS)
     where = f"{origin.get('file')}:{origin.get('row')}"
     text = f"{names}, trial {first['trial']} is already in {where}."
@@ -54,11 +113,10 @@ def refuse_repeats(table: pd.DataFrame, cell: list[str], log: Log, telling: Sequ
         f'If rows are events of a trial, [sessions] keep = "last" would {event}.',
         conditions,
     ]
-    hint = " ".join(hints[not log.numbered :])
-    log.problems.add(text, hint=hint, **place(again[0]))
+    return Found(text, row=again[0], hint=" ".join(hints[not log.numbered :]))
 
 
-def check_units(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> None:
+def units(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> Iterator[Found]:
     """Refuse median ratios of adjustments to references beyond 100, and parts off by a thousand.
 
     Where the units of both columns are declared a notice says so instead.
@@ -79,9 +137,7 @@ def check_units(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -
                 f' such as {column} = {{ name = "…", unit = "{unit}" }}. If the numbers are right,'
                 f" declare unit = {json.dumps(quantity.unit, ensure_ascii=False)} for both."
             )
-            value = float(table[adj][row])
-            place = log.places(table)(row)
-            log.problems.add(text, column=adj, value=value, hint=hint, **place)
+            yield Found(text, adj, row, float(table[adj][row]), hint)
 
 
 def _typical(ratios: pd.Series[float]) -> float:
@@ -116,10 +172,8 @@ def _other_units(table: pd.DataFrame, adj: str, ref: str) -> Iterator[tuple[int,
             return
 
 
-def check_summary(table: pd.DataFrame, log: Log) -> None:
-    """Check the parameters, limits, n, levels and units of a published table."""
-    options = log.options
-    place = log.places(table)
+def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
+    """Refuse parameters, limits, n, levels and units that a published table cannot have."""
     names = " or ".join(f'"{name}"' for name in options.quantities)
     n = table["n"]
     level = table["level"]
@@ -134,31 +188,27 @@ def check_summary(table: pd.DataFrame, log: Log) -> None:
         ("environment", "a second row for this environment and parameter.", again),
     ]
     for column, message, wrong in rules:
-        values = table[column].tolist()
-        for row in np.flatnonzero(wrong).tolist():
-            hint = "Correct or remove it."
-            log.problems.add(message, column=column, value=values[row], hint=hint, **place(row))
+        for row in table.index[wrong]:
+            yield Found(message, column, row, table[column].tolist()[row], "Correct or remove it.")
     cells = zip(table["environment"], table["parameter"], table["reference"], strict=True)
     for row, (environment, parameter, reference) in enumerate(cells):
         own = options.environments.get(environment, {})
         expected = own.get(f"{parameter}_ref", reference)
         if reference != expected:
             message = f"[environments] gives {shown([environment])} the reference {expected:g}."
-            hint = "Correct the table or the scene."
-            log.problems.add(message, column="reference", value=reference, hint=hint, **place(row))
+            yield Found(message, "reference", row, reference, "Correct the table or the scene.")
     # Of what the limits hold, the nearest to the reference: wide limits are no sign of another
     # unit.
     near = table["reference"].clip(table["lower"], table["upper"])
     for name, quantity in options.quantities.items():
         rows = (table["parameter"] == name) & (near > 0) & (table["reference"] > 0)
-        reference = table["reference"][rows]
-        ratio = _typical(np.log(near[rows]) - np.log(reference))
+        references = table["reference"][rows]
+        ratio = _typical(np.log(near[rows]) - np.log(references))
         if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
             message = (
                 f"limits of {name} are typically {ratio:.3g} times the reference: their units seem"
                 " to differ."
             )
             hint = f"Write references and limits in {quantity.unit or 'one unit'}."
-            value = float(reference.iloc[0])
-            row = int(reference.index[0])
-            log.problems.add(message, column="reference", value=value, hint=hint, **place(row))
+            row = int(references.index[0])
+            yield Found(message, "reference", row, float(references[row]), hint)

@@ -15,7 +15,7 @@ import pandas as pd
 from percept.errors import counted
 from percept.sessions.merged import by_environment
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import IDS, Factors, Notice, Places, clip, shown
+from percept.sessions.records import IDS, Factors, Found, Notice, Place, Places, clip, shown
 from percept.sessions.slips import slips
 from percept.sessions.values import fold, is_missing
 
@@ -112,17 +112,19 @@ class Trials:
 def screen(trials: Trials) -> Iterator[Notice]:
     """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
     for check in _CHECKS:
-        yield from check(trials)
+        for found in check(trials):
+            place = Place() if found.row is None else trials.place(found.row)
+            text = f"{found.message} {found.hint}".rstrip()
+            yield Notice(text, column=found.column, **place)
 
 
-def _slips(trials: Trials) -> Iterator[Notice]:
+def _slips(trials: Trials) -> Iterator[Found]:
     """Name values that look mistyped."""
     found = list(slips(trials.table, trials.quantities))
     for slip in found[:_MOST_SLIPS]:
-        place = trials.place(slip.index)
-        yield Notice(f"{slip.text}: mistyped?", column=f"{slip.parameter}_adj", **place)
+        yield Found(f"{slip.text}: mistyped?", f"{slip.parameter}_adj", slip.index)
     if len(found) > _MOST_SLIPS:
-        yield Notice(f"{counted(len(found) - _MOST_SLIPS, 'more value')} may be mistyped")
+        yield Found(f"{counted(len(found) - _MOST_SLIPS, 'more value')} may be mistyped")
 
 
 def _missing_codes(values: pd.Series[float]) -> list[float]:
@@ -139,7 +141,7 @@ def _missing_codes(values: pd.Series[float]) -> list[float]:
     return codes
 
 
-def _codes(trials: Trials) -> Iterator[Notice]:
+def _codes(trials: Trials) -> Iterator[Found]:
     """Ask whether a number is a code for a missing value."""
     for quantity in trials.quantities:
         column = f"{quantity.name}_adj"
@@ -153,10 +155,10 @@ def _codes(trials: Trials) -> Iterator[Notice]:
                 " missing value? Then [sessions] exclude ="
                 f' [{{ column = "{column}", {limit}, why = "missing" }}] leaves such rows out.'
             )
-            yield Notice(text, column=column, **trials.place(rows[0]))
+            yield Found(text, column, rows[0])
 
 
-def _copies(trials: Trials) -> Iterator[Notice]:
+def _copies(trials: Trials) -> Iterator[Found]:
     """Name subjects whose settings are those of another subject, value by value."""
     columns = [f"{quantity.name}_adj" for quantity in trials.quantities]
     ordered = trials.table.sort_values(["environment", "session", "trial"], kind="stable")
@@ -175,10 +177,10 @@ def _copies(trials: Trials) -> Iterator[Notice]:
             " settings: a copy? Then [sessions] exclude ="
             f' [{{ column = "subject", equals = {name}, why = "a copy" }}] leaves it out.'
         )
-        yield Notice(text, column="subject", **trials.place(rows.index.min()))
+        yield Found(text, "subject", rows.index.min())
 
 
-def _single_trials(trials: Trials) -> Iterator[Notice]:
+def _single_trials(trials: Trials) -> Iterator[Found]:
     """Warn of references that differ on every trial."""
     counts = trials.table["environment"].value_counts(sort=False)
     single = int((counts == 1).sum())
@@ -188,10 +190,10 @@ def _single_trials(trials: Trials) -> Iterator[Notice]:
             " on every trial. Name a column of conditions, environment in [columns], and give each"
             " condition one reference in [environments]."
         )
-        yield Notice(text, column="environment")
+        yield Found(text, "environment")
 
 
-def _of_quantities(trials: Trials) -> Iterator[Notice]:
+def _of_quantities(trials: Trials) -> Iterator[Found]:
     """Look at the adjustments of each quantity."""
     for quantity in trials.quantities:
         yield from _without_logarithm(trials, quantity.name)
@@ -199,7 +201,7 @@ def _of_quantities(trials: Trials) -> Iterator[Notice]:
         yield from _never_moved(trials, quantity.name)
 
 
-def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Notice]:
+def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Found]:
     """Count zeros and negative values, and say which way out fits them."""
     column = f"{parameter}_adj"
     reference = f"{parameter}_ref"
@@ -240,7 +242,7 @@ def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Notice]:
     text = f"{_share(len(low), len(known), parameter)} zero or negative, here the first. {way}"
     if not no_ratio:
         text += f" There are {by_environment(known, values <= 0)}."
-    yield Notice(text, column=column, **trials.place(low.index[0]))
+    yield Found(text, column, low.index[0])
 
 
 def _share(count: int, total: int, parameter: str) -> str:
@@ -249,7 +251,7 @@ def _share(count: int, total: int, parameter: str) -> str:
     return f"{counted(count, 'value')} of {parameter} ({count / total:.1%} of {total:,}) {verb}"
 
 
-def _at_a_limit(trials: Trials, parameter: str) -> Iterator[Notice]:
+def _at_a_limit(trials: Trials, parameter: str) -> Iterator[Found]:
     """Warn where many more values equal the largest or least than the one next to it."""
     column = f"{parameter}_adj"
     values = trials.table[column]
@@ -272,10 +274,10 @@ def _at_a_limit(trials: Trials, parameter: str) -> Iterator[Notice]:
             " them."
         )
         first = values.index[values == value][0]
-        yield Notice(text, column=column, **trials.place(first))
+        yield Found(text, column, first)
 
 
-def _never_moved(trials: Trials, parameter: str) -> Iterator[Notice]:
+def _never_moved(trials: Trials, parameter: str) -> Iterator[Found]:
     """Name subjects who have several trials, and left the reference in all of them."""
     column = f"{parameter}_adj"
     known = trials.table.dropna(subset=column)
@@ -286,7 +288,7 @@ def _never_moved(trials: Trials, parameter: str) -> Iterator[Notice]:
         noun = "subject" if len(still) == 1 else "subjects"
         who = f"{noun} {shown([str(name) for name in still])}"
         text = f"{who} left {parameter} at the reference in every trial: was the setting recorded?"
-        yield Notice(text, column=column)
+        yield Found(text, column)
 
 
 def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[str, str]]:
@@ -320,20 +322,20 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[
             yield subject, name
 
 
-def _empty_cells(trials: Trials) -> Iterator[Notice]:
+def _empty_cells(trials: Trials) -> Iterator[Found]:
     """Name the subjects that lack an environment."""
     cells = empty_cells(trials.table, trials.factors)
     lacking = [f"{subject} at {name}" for subject, name in cells]
     what = "no trial left" if trials.left_out else "no trial"
     of_subjects = trials.table.groupby("subject", sort=False)["environment"].nunique()
     if lacking and len(of_subjects) > 1 and (of_subjects == 1).all():
-        yield Notice("each subject met one environment: environments are groups of subjects")
+        yield Found("each subject met one environment: environments are groups of subjects")
     elif lacking:
         has = "has" if len(lacking) == 1 else "have"
-        yield Notice(f"{counted(len(lacking), 'cell')} {has} {what}: {shown(lacking)}")
+        yield Found(f"{counted(len(lacking), 'cell')} {has} {what}: {shown(lacking)}")
 
 
-def _pooled(trials: Trials) -> Iterator[Notice]:
+def _pooled(trials: Trials) -> Iterator[Found]:
     """Say how groups that the analysis does not tell apart are analysed."""
     for column in trials.pooled:
         levels = trials.table.groupby(column, sort=False)["subject"].nunique()
@@ -357,10 +359,10 @@ def _pooled(trials: Trials) -> Iterator[Notice]:
                 f"every interval is of all groups together. {compare} two of them, which [sessions]"
                 f" only = {{ {column} = [{two}] }} keeps."
             )
-        yield Notice(text, column=column)
+        yield Found(text, column)
 
 
-_CHECKS: tuple[Callable[[Trials], Iterator[Notice]], ...] = (
+_CHECKS: tuple[Callable[[Trials], Iterator[Found]], ...] = (
     _slips,
     _codes,
     _copies,

@@ -14,12 +14,9 @@ import pandas as pd
 
 from percept.errors import UsageError, counted
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import MASS, Exclusion, Notice, clip, shown
+from percept.sessions.records import MASS, Exclusion, Found, Notice, clip, shown
 from percept.sessions.tables import Log
 
-#: A whole turn in units of angles.
-_TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0}
-_TURNS |= dict.fromkeys(("rad", "radian", "radians"), 2 * np.pi)
 #: Environments that a sentence lists.
 _LISTED = 8
 
@@ -57,9 +54,7 @@ def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) 
                 ' further columns: environment = ["…", "…"] in [columns]. If references differ by'
                 ' trial, set [model] bias = "reference".'
             )
-            place = log.places(table)(row)
-            value = float(values[row])
-            log.problems.add(f"{message}.", column=column, value=value, hint=hint, **place)
+            log.refuse(table, [Found(f"{message}.", column, row, float(values[row]), hint)])
         table[column] = expected
         if column == MASS:
             table[column] = expected.fillna(0.0)
@@ -101,64 +96,15 @@ def _ask_for_references(
 
 
 def make_absolute(table: pd.DataFrame, parameters: Sequence[str], log: Log) -> None:
-    """Make adjustments of ratios to their references, and of differences from them.
-
-    Angles beyond half a turn have no mean: 350 and 10 deg lie beside each other. They are refused,
-    unless the adjustments are differences within half a turn.
-    """
+    """Make adjustments of ratios to their references, and of differences from them."""
     for p in parameters:
         adjusted = f"{p}_adj"
         rule = log.options.columns.get(adjusted)
         response = rule.response if rule else None
-        quantity = log.options.quantities[p]
-        turn = _TURNS.get(quantity.unit.casefold())
-        if turn and response == "difference":
-            _refuse_far_differences(table, quantity, turn / 2, log)
-        elif turn:
-            _refuse_whole_turns(table, quantity, turn / 2, log)
         if response == "ratio":
             table[adjusted] *= table[f"{p}_ref"]
         elif response == "difference":
             table[adjusted] += table[f"{p}_ref"]
-
-
-def _refuse_whole_turns(table: pd.DataFrame, quantity: Quantity, half: float, log: Log) -> None:
-    """Refuse an angle whose references, or adjustments about them, reach beyond half a turn."""
-    name = f"{quantity.name}_adj"
-    pairs = table[[f"{quantity.name}_ref", name]].dropna().to_numpy(dtype=float)
-    if not len(pairs):
-        return
-    references = pairs[:, 0]
-    which = "adjustments lie"
-    if max(np.ptp(references), np.abs(references).max()) > half:
-        which = "references reach"
-    elif np.abs(pairs[:, 1] - references).max() <= half:
-        return
-    message = (
-        f"{quantity.label} in {quantity.unit} wraps: {which} beyond half a turn,"
-        f" {half:.4g} {quantity.unit}."
-    )
-    hint = (
-        f"Give {name} a column of adjusted − reference, within half a turn:"
-        f' {name} = {{ name = "…", response = "difference" }} in [columns].'
-        " If the knob can turn more than once its angle does not wrap: give it in turns,"
-        ' unit = "turn".'
-    )
-    log.problems.add(message, column=name, hint=hint)
-
-
-def _refuse_far_differences(table: pd.DataFrame, quantity: Quantity, half: float, log: Log) -> None:
-    """Refuse the first difference that goes the long way round."""
-    column = f"{quantity.name}_adj"
-    far = table[column][table[column].abs() > half]
-    if far.empty:
-        return
-    unit = quantity.unit
-    message = f"a difference of more than half a turn, {half:.4g} {unit}; {len(far)} in all."
-    hint = f"Add or subtract {2 * half:.4g} {unit}."
-    place = log.places(table)(far.index[0])
-    value = float(far.iloc[0])
-    log.problems.add(message, column=column, value=value, hint=hint, **place)
 
 
 def without_ends(table: pd.DataFrame, quantities: Sequence[Quantity], log: Log) -> pd.DataFrame:

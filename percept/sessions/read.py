@@ -14,8 +14,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions import doubts
-from percept.sessions.checks import TRIAL, check_summary, check_units, refuse_repeats
+from percept.sessions import checks, doubts
 from percept.sessions.merged import count_grid, make_absolute, settle_references, without_ends
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
@@ -272,7 +271,7 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
     _refuse_nothing(log, frames)
     merged = pd.concat(frames, ignore_index=True)
     if form == "summary":
-        check_summary(merged, log)
+        log.refuse(merged, checks.summary(merged, options))
         log.problems.raise_if_any()
         log.counts["observations"] = len(merged)
         tidy = merged[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
@@ -328,14 +327,16 @@ def _checked_trials(log: Log, table: pd.DataFrame, opened: _Opened) -> pd.DataFr
     parameters = [p for p in options.quantities if p in log.parameters]
     quantities = [options.quantities[p] for p in parameters]
     settle_references(table, parameters, log)
+    log.refuse(table, checks.angles(table, parameters, options))
     make_absolute(table, parameters, log)
     table = without_ends(table, quantities, log)
     if options.sessions.trial == "order":
         table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
-    cell = [*TRIAL, *(name for name in options.split if name in table and name not in TRIAL)]
+    split = [name for name in options.split if name in table and name not in checks.TRIAL]
+    cell = [*checks.TRIAL, *split]
     if table.duplicated(cell).any():
-        refuse_repeats(table, cell, log, _telling_columns(log, opened))
-    check_units(table, quantities, log)
+        log.refuse(table, [checks.repeats(table, cell, log, _telling_columns(log, opened))])
+    log.refuse(table, checks.units(table, quantities, log))
     log.problems.raise_if_any()
     log.notices += log.names.notices()
     log.notices += doubts.names(table, log.places(table))
@@ -373,6 +374,6 @@ def _telling_columns(log: Log, opened: _Opened) -> list[str]:
         merged = pd.concat([read_trials(file) for file in files])
         for name in merged.columns.intersection(log.unused):
             levels = merged[name].nunique()
-            if levels <= _MOST_LEVELS and not merged.duplicated([*TRIAL, name]).any():
+            if levels <= _MOST_LEVELS and not merged.duplicated([*checks.TRIAL, name]).any():
                 telling[name] = levels
     return sorted(telling, key=lambda name: telling[name])

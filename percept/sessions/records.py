@@ -89,6 +89,17 @@ class Notice:
         return ": ".join([":".join(parts), self.text]) if parts else self.text
 
 
+@dataclass(frozen=True)
+class Found:
+    """What a check finds in a table: what is wrong, its column, row and value, and what to do."""
+
+    message: str
+    column: str | None = None
+    row: int | None = None  # Label in the table
+    value: object = None
+    hint: str = ""
+
+
 def once_per_kind(notices: Sequence[Notice]) -> tuple[Notice, ...]:
     """Merge notices on whole files that differ in numbers only: the first, with their count."""
     kinds: dict[Notice, list[Notice]] = {}

@@ -23,6 +23,7 @@ from percept.sessions.paths import expand, ids_from_name
 from percept.sessions.records import (
     CellPlace,
     Exclusion,
+    Found,
     NoDataError,
     Notice,
     Place,
@@ -66,6 +67,15 @@ class Log:
         files = table["file"].to_numpy()
         rows = table["row"].to_numpy()
         return lambda at: Place(file=self.sources[int(files[at])].name, row=int(rows[at]))
+
+    def refuse(self, table: pd.DataFrame, problems: Iterable[Found]) -> None:
+        """Take up what checks find wrong, with its file and physical line."""
+        places = self.places(table)
+        for found in problems:
+            place = Place() if found.row is None else places(found.row)
+            self.problems.add(
+                found.message, column=found.column, value=found.value, hint=found.hint, **place
+            )
 
 
 @dataclass(frozen=True)
