@@ -105,7 +105,7 @@ def subjects(figure: Figure) -> None:
 
 
 #: Figures of the published study's report that README shows.
-_REPORTED = ("overview_k", "boundaries")
+_REPORTED = ("overview", "ratios")
 
 
 def _report() -> None:

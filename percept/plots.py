@@ -1,12 +1,11 @@
 """Plots on matplotlib axes of one's own: what the report draws, from Python.
 
-Every plot draws on `ax`, or on a new figure without one, and returns the axes. It raises
-RefusalError where there is nothing to plot.
+Every plot draws on `ax`, or on a new figure without one, and returns the axes. A legend is drawn on
+new figures alone. It raises RefusalError where there is nothing to plot.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Sequence
 from typing import Any
 
@@ -18,19 +17,11 @@ from matplotlib.colors import to_hex
 from scipy import stats
 
 from percept.errors import RefusalError, UsageError
-from percept.report.figures.band import band_series, draw_band
-from percept.report.figures.boundaries import like_limits
+from percept.report.figures.band import draw_band
 from percept.report.figures.canvas import COLOURS, REFERENCE_DASHES
-from percept.report.figures.curves import draw_magnitude, draw_stability
-from percept.report.figures.intervals import (
-    Bar,
-    BarAxis,
-    bars_of,
-    draw_intervals,
-)
-from percept.report.figures.people import draw_subjects, subjects_of
+from percept.report.figures.curves import draw_magnitude, draw_stability, like_limits
+from percept.report.figures.intervals import draw_intervals, rows_of
 from percept.report.select import (
-    compared_by_difference,
     distinct,
     each_by_itself,
     kind_names,
@@ -43,8 +34,6 @@ __all__ = ["plot_band", "plot_boundary", "plot_check", "plot_coupling", "plot_in
 
 # Names are the user's: a dollar sign among them begins no formula.
 _STYLE: dict[Any, Any] = {"text.parse_math": False, "axes.formatter.use_mathtext": False}
-#: In widths of the axes: counts of subjects beyond the axis stand between.
-_BESIDE_COUNTS = 1.06
 #: Probability that each ordered probability of independent subjects lies in the band of a check.
 _LEVEL = 0.99
 
@@ -53,12 +42,12 @@ def plot_intervals(
     intervals: Sequence[IntervalRow],
     data: Data,
     *,
-    parameters: Collection[str],
+    parameter: str,
     kinds: Collection[str],
     family: str,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw a row per environment, of several quantities a row per quantity and environment.
+    """Draw a row per environment: subjects as dots, intervals of both methods as bars.
 
     Parameters
     ----------
@@ -66,7 +55,9 @@ def plot_intervals(
         Of every method and family.
     data : Data
         What was read, with the values of the subjects.
-    parameters, kinds : collection of str
+    parameter : str
+        The quantity.
+    kinds : collection of str
         What is drawn.
     family : str
         The family drawn where there is a choice.
@@ -79,45 +70,23 @@ def plot_intervals(
 
     Raises
     ------
-    UsageError
-        Several quantities of which one has a reference of zero or below.
     RefusalError
         No interval has a reference.
     """
-    several = len(parameters) > 1
-    differences = compared_by_difference(intervals).intersection(parameters)
-    if differences and several:
-        raise UsageError(
-            "quantities with a reference of zero or below are drawn one at a time.",
-            hint=f"Name one of {', '.join(parameters)}.",
-        )
-    rows: list[str] = []
-    bars: list[Bar] = []
-    subjects = []
-    for parameter in parameters:
-        of_parameter = bars_of(intervals, parameter, kinds, preferred_families(family))
-        for environment in data.environments:
-            row = environment
-            if several:
-                row = f"{environment}, {data.quantities[parameter].label}"
-            rows.append(row)
-            subjects.append(subjects_of(data.cells, environment, parameter))
-            for bar in matching(of_parameter, environment=environment):
-                bars.append(dataclasses.replace(bar, environment=row))
-    if not bars:
+    quantity = data.quantities[parameter]
+    rows = rows_of(intervals, data.cells, quantity, kinds, preferred_families(family))
+    if not rows.bars:
         raise _nothing("interval that has a reference")
-    axis = BarAxis(relative=not differences, log=family == "lognormal")
-    quantity = data.quantities[next(iter(parameters))]
-    words = "value" if several else quantity.words
     with rc_context(_STYLE):
-        ax = _axes(ax)
-        draw_intervals(ax, rows, bars, axis, kinds=kind_names(data.words))
-        draw_subjects(ax, subjects, subject=data.words.subject[0])
-        ax.set_xlabel(axis.label(f"adjusted {words}", quantity))
-        for tick in ax.get_yticklabels():
+        drawn = _axes(ax)
+        subject = data.words.subject[0]
+        draw_intervals(
+            drawn, data.environments, rows, kinds=kind_names(data.words), subject=subject
+        )
+        drawn.set_title(quantity.head)
+        for tick in drawn.get_yticklabels():
             tick.set_parse_math(False)  # of axes that were there before, the ticks were too
-        # Rows fill the axes: there is no room for a legend inside.
-        return _legend(ax, loc="upper left", bbox_to_anchor=(_BESIDE_COUNTS, 1.0))
+        return _finished(drawn, legend=ax is None)
 
 
 def plot_boundary(
@@ -160,10 +129,10 @@ def plot_boundary(
         raise _nothing(f"boundary of kind {kind} around {environment}")
     shown = of_environment[0]
     with rc_context(_STYLE):
-        ax = _axes(ax)
-        draw_magnitude(ax, shown.omega, limits, shown.reference, shown.coupled)
-        ax.set_title(f"{environment}, kind {kind}")
-        return _legend(ax)
+        drawn = _axes(ax)
+        draw_magnitude(drawn, shown.omega, limits, shown.reference, shown.coupled)
+        drawn.set_title(f"|Zₕ| of {environment} (N·s/m), kind {kind}")
+        return _finished(drawn, legend=ax is None)
 
 
 def plot_band(
@@ -174,7 +143,7 @@ def plot_band(
     family: str,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw bands and their laws, against the environment's impedance or a parameter's reference.
+    """Draw bands and their law, against the environment's impedance or a parameter's reference.
 
     Parameters
     ----------
@@ -207,13 +176,16 @@ def plot_band(
         raise UsageError(
             "there is no band of it.", value=parameter, hint="A band of impedance has no parameter."
         )
-    families = preferred_families(family)
-    series = band_series(band, parameter or parameters[0], families, data.quantities)
+    shown = parameter or parameters[0]
+    what = "|Zₑ| (N·s/m)"
+    if shown is not None:
+        unit = f" ({data.quantities[shown].unit})" if data.quantities[shown].unit else ""
+        what = f"{data.quantities[shown].words}{unit}"
     with rc_context(_STYLE):
-        ax = _axes(ax)
-        draw_band(ax, series)
-        ax.set_title("next user")
-        return _legend(ax)
+        drawn = _axes(ax)
+        draw_band(drawn, band, shown, preferred_families(family), data.quantities)
+        drawn.set_title(f"Band of {what}, next {data.words.user[0]}")
+        return _finished(drawn, legend=ax is None)
 
 
 def plot_coupling(coupling: Coupling | None, *, ax: Axes | None = None) -> Axes:
@@ -221,12 +193,11 @@ def plot_coupling(coupling: Coupling | None, *, ax: Axes | None = None) -> Axes:
     if coupling is None:
         raise _nothing("coupling to plot")
     with rc_context(_STYLE):
-        ax = _axes(ax)
+        drawn = _axes(ax)
         lines = {"this coupling": (coupling.admittance, coupling.eq10_omega)}
-        draw_stability(ax, coupling.omega, coupling.bound, lines)
-        ax.set_title(f"Eq. 10 is {coupling.eq10}, margin {coupling.eq10_margin:.3g}")
-        _restyle(ax)
-        return ax
+        draw_stability(drawn, coupling.omega, coupling.bound, lines)
+        drawn.set_title(f"Eq. 10 is {coupling.eq10}, margin {coupling.eq10_margin:.3g}")
+        return _finished(drawn, legend=ax is None)
 
 
 def plot_check(subjects: Sequence[SubjectCheck] | None, *, ax: Axes | None = None) -> Axes:
@@ -241,21 +212,23 @@ def plot_check(subjects: Sequence[SubjectCheck] | None, *, ax: Axes | None = Non
     high = stats.beta.ppf((1 + _LEVEL) / 2, rank, count + 1 - rank)
     expected = rank / (count + 1)
     with rc_context(_STYLE):
-        ax = _axes(ax)
-        quiet = COLOURS["quiet"]
+        drawn = _axes(ax)
         label = f"{_LEVEL:.0%}"
-        ax.fill_between(expected, low, high, color=quiet, alpha=0.2, linewidth=0, label=label)
+        drawn.fill_between(
+            expected, low, high, color=COLOURS["quiet"], alpha=0.2, linewidth=0, label=label
+        )
         ink = COLOURS["ink"]
-        ax.plot([0, 1], [0, 1], color=ink, linestyle=REFERENCE_DASHES, linewidth=0.8)
+        drawn.plot([0, 1], [0, 1], color=ink, linestyle=REFERENCE_DASHES, linewidth=0.8)
         farther = [subject.farther for subject in ordered]
-        ax.plot(expected, farther, "D", color=COLOURS["bayesian"], label="subjects")
+        drawn.plot(expected, farther, "D", color=COLOURS["bayesian"], label="subjects")
         for x, subject in zip(expected, ordered, strict=True):
             if subject.outlier:
                 point = (x, subject.farther)
-                ax.annotate(subject.subject, point, xytext=(4, 0), textcoords="offset points")
-        ax.set_xlabel("expected probability")
-        ax.set_ylabel("probability of lying as far off")
-        return _legend(ax)
+                drawn.annotate(subject.subject, point, xytext=(4, 0), textcoords="offset points")
+        drawn.set_xlabel("expected probability")
+        drawn.set_ylabel("probability of lying as far off")
+        drawn.set_title("How far subjects lie from the others’ prediction")
+        return _finished(drawn, legend=ax is None)
 
 
 def _nothing(what: str) -> RefusalError:
@@ -266,17 +239,8 @@ def _axes(ax: Axes | None) -> Axes:
     return plt.subplots(layout="constrained")[1] if ax is None else ax
 
 
-def _legend(ax: Axes, **place: Any) -> Axes:
-    """Take on the style's colours, and add a legend that has each label once."""
-    _restyle(ax)
-    handles, labels = ax.get_legend_handles_labels()
-    named = dict(zip(labels, handles, strict=True))
-    ax.legend(named.values(), named.keys(), frameon=False, fontsize="small", **place)
-    return ax
-
-
-def _restyle(ax: Axes) -> None:
-    """Draw what is ink, quiet or paper in a report in the colours of the reader's style."""
+def _finished(ax: Axes, *, legend: bool) -> Axes:
+    """Draw what is ink, quiet or paper in a report in the reader's colours; add a legend."""
     paper = rcParams["axes.facecolor"]
     colours = {
         COLOURS["ink"]: rcParams["text.color"],
@@ -289,7 +253,10 @@ def _restyle(ax: Axes) -> None:
         # An automatic face follows the line's colour; it is no colour of its own.
         if face in colours:
             line.set_markerfacecolor(colours[face])
-    for text in ax.texts:
-        ground = text.get_bbox_patch()
-        if ground is not None:
-            ground.set_facecolor(paper)
+    if (drawn := ax.get_legend()) is not None:
+        drawn.remove()
+    if legend:
+        handles, labels = ax.get_legend_handles_labels()
+        named = dict(zip(labels, handles, strict=True))
+        ax.legend(named.values(), named.keys(), frameon=False, fontsize="small")
+    return ax

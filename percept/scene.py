@@ -240,6 +240,7 @@ class StudyTable(Table):
     """What the study calls its environments and subjects, as a noun or as singular and plural.
 
     Without a word environments are "conditions" where the quantities adjusted make no impedance.
+    `verb` is what subjects did to a quantity, in the past tense, such as "rated".
     `factor` is a column of conditions or groups, whose levels are compared two by two: the short
     form of `[model] bias`. `jnd` is the just noticeable difference that each bias is held against:
     a fraction of the reference, a value with its unit, or "trials" for the SD of adjustment.
@@ -247,6 +248,7 @@ class StudyTable(Table):
 
     environment: Noun | None = None
     subject: Noun = _SUBJECT
+    verb: Annotated[str, Field(min_length=1)] = "set"
     factor: Annotated[str, Field(min_length=1)] | None = None
     jnd: dict[str, Jnd] = Field(default_factory=dict)
 

@@ -2,9 +2,9 @@
 
 import json
 
+from percept.report.document import build_sections
 from percept.report.overview import findings
 from percept.report.page import render_page
-from percept.report.sections import build_sections
 from percept.results import Data, Nouns, Provenance, Results
 from percept.sessions.quantities import IMPEDANCE
 
@@ -36,14 +36,31 @@ def as_results(document):
 
 def page_of(document, plots=None, *, date="2026-01-01"):
     """The page of a document."""
-    results = as_results(document)
-    return render_page(results, findings(results), plots or {}, date=date)
+    return page_of_results(as_results(document), plots, date=date)
+
+
+def page_of_results(results, plots=None, *, date="2026-01-01", files=()):
+    """The page of results."""
+    found = findings(results)
+    sections = build_sections(results, found)
+    return render_page(results, found, sections, plots or {}, date=date, files=files)
 
 
 def sections_of(document):
     """The sections of a document's page."""
     results = as_results(document)
-    return build_sections(results, findings(results))
+    sections = build_sections(results, findings(results))
+    return [section for section in sections if section.filled]
+
+
+def parts_of(sections):
+    """Every section and part with something in it, by name."""
+    found = {}
+    for section in sections:
+        if section.filled:
+            found[section.name] = section
+            found |= parts_of(section.parts)
+    return found
 
 
 def at(document, pointer):

@@ -252,7 +252,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
 
 def _bands(study: Study) -> None:
     """Print how the methods' boundaries differ; nothing without boundaries."""
-    from percept.report.basis import bands_sentences
+    from percept.report.boundaries import bands_sentences
 
     pairs = study.band_pairs
     if not pairs:
@@ -281,12 +281,12 @@ def _calibrate_command(arguments: argparse.Namespace) -> str:
 
 def _feelings(study: Study) -> list[str]:
     """Say what feels real in a study, as its page does."""
-    from percept.report.feelings import feeling_sentences
+    from percept.report.decisions import feeling_sentences
     from percept.report.select import Words
 
     scene = study.scene
     words = Words(*scene.environment_noun, *scene.study.subject, *scene.user_noun)
-    return feeling_sentences(study.verdicts, words)
+    return feeling_sentences(study.verdicts, study.rendering, words)
 
 
 def _stated(study: Study) -> dict[str, str | float]:

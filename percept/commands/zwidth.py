@@ -74,10 +74,10 @@ def _print(width: ZWidth) -> None:
 
 def _draw(width: ZWidth, path: Path) -> None:
     """Write the figure as SVG."""
+    from percept.report.figures.couplings import stability_drawings
     from percept.report.figures.output import drawn
-    from percept.report.figures.zwidth import zwidth_drawings
 
-    drawings = zwidth_drawings(width)
+    drawings = stability_drawings(width, None)
     if not drawings:
         raise RefusalError(
             "the device's table does not tell what can be rendered, so there is no figure.",

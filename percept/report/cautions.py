@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 from scipy import special
 
 from percept.errors import capitalised, counted
-from percept.report.numbers import bare, rounded
+from percept.report.decisions import doubtful_verdicts, judged_verdicts
+from percept.report.numbers import short
 from percept.report.select import (
     METHODS,
     MOST_OPEN,
@@ -21,7 +22,6 @@ from percept.report.select import (
 )
 from percept.results import (
     Checks,
-    ContrastRow,
     Data,
     IntervalRow,
     Note,
@@ -47,44 +47,28 @@ _UNEXPECTED = {
 }
 #: Classical standard errors between the model's mean and the data's from which one is told first.
 _OVERRULED = 2.0
-_WARNINGS = 4  # the summary repeats the reader's first warnings
+_WARNINGS = 3  # the summary repeats the reader's first warnings
 
 
 def cautions(results: Results) -> list[str]:
     """Return the cautions of results, those that change their meaning first."""
     diagnostics = results.diagnostics
     words = words_of(results)
-    said = [*_levels(results.contrast, words), *_left_out(results.skipped)]
+    said = [*_left_out(results.skipped)]
     said += _other_family(results)
     if diagnostics and diagnostics.gate.passed and not diagnostics.gate.tolerance_met:
         said.append(diagnostics.gate.error_reached)
+    said += doubtful_verdicts(judged_verdicts(results.verdicts, results.rendering or ()), words)
     said += _pooled(results, words)
     said += _at_limits(results.intervals, results.data)
     said += _few(results.intervals, words)
-    said += _below_zero(results.intervals, results.data)
+    if family_of(results) == "normal":
+        said += _below_zero(results.intervals, results.data)
     said += _growing(results.rendering or (), words)
     if results.checks:
         said += misfits(results.checks, family_of(results), words)
     said += _warnings(results.data.doubts)
     return said
-
-
-def _levels(contrast: Sequence[ContrastRow], words: Words) -> Iterator[str]:
-    """Say what the levels of factors are to everything but the contrasts."""
-    of_levels = [row for row in contrast if row.of != "slope"]
-    if of_levels:
-        factors = distinct(of_levels, "factor")
-        its = "its" if len(factors) == 1 else "their"
-        alone = "Outside"
-        if matching(of_levels, method="bayesian"):
-            of_all = "One model of all levels gives every Bayesian result."
-            alone = f"{of_all} In classical results, outside"
-        within = matching(of_levels, within=True)
-        how = f"levels within {words.subjects}" if within else f"{its} levels"
-        yield (
-            f"{alone} the section on {listed(factors)} each of {its} levels stands by itself. "
-            f"Only that section compares {how}."
-        )
 
 
 def _left_out(skipped: Sequence[Skipped]) -> Iterator[str]:
@@ -172,7 +156,7 @@ def _shift(row: IntervalRow, classical: IntervalRow) -> float:
 
 
 def _short(value: float | None) -> str:
-    return "–" if value is None else bare(rounded(value, 3))
+    return "–" if value is None else short(value)
 
 
 def _at_limits(intervals: Sequence[IntervalRow], data: Data) -> Iterator[str]:

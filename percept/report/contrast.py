@@ -1,17 +1,17 @@
-"""Factors, groups and covariates: what the first screen and their section say of contrasts."""
+"""Factors, groups and covariates: how their levels differ, in sentences and in one table."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
 
-from percept.errors import capitalised, counted
+from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.numbers import bare, digits_of, rounded
+from percept.report.sections import NOTHING, Cell, Section, Table, ends, of, table_of, with_limits
 from percept.report.select import (
     KINDS,
     METHODS,
-    Section,
     Words,
     distinct,
     listed,
@@ -19,73 +19,184 @@ from percept.report.select import (
     ordered,
     words_of,
 )
-from percept.results import AnovaRow, ContrastRow, LevelValues, Results
+from percept.results import ContrastRow, LevelValues, Results
 from percept.sessions.formula import TRIAL_REFERENCE
-from percept.sessions.quantities import Quantity
 
-__all__ = ["Design", "LevelPanel", "contrast", "contrast_sentences", "design_words", "level_panels"]
+__all__ = [
+    "Design", "LevelPanel", "Size", "contrast", "contrast_sentences", "design_words",
+    "level_panels", "size_of",
+]  # fmt: skip
 
-_SAID = 3  # more contrasts than this are counted on the first screen, not said
 #: What is compared, in the order of the table.
-_PARTS = ("level", "bias", "spread", "interaction", "slope")
+_PARTS = ("interaction", "level", "bias", "spread", "slope")
+_OF = {"bias": "bias", "level": "mean bias", "spread": "spread"}
 #: Digits of an estimate, at least: beside a wide interval it has the digits of the narrow one.
 _LEAST_DIGITS = 3
 
 
 @dataclasses.dataclass(frozen=True)
-class AnovaTable:
-    """The analysis of variance of one quantity."""
+class Size:
+    """How a contrast is written: a ratio, or a difference in the unit of the data."""
 
-    quantity: Quantity
-    rows: list[AnovaRow]
+    ratio: bool
+    scale: float
+    unit: str
+
+    @property
+    def axis(self) -> str:
+        """The unit as an axis has it."""
+        return f" ({self.unit.strip()})" if self.unit else ""
+
+    def scaled(self, row: ContrastRow) -> tuple[float, float, float]:
+        """Return lower and upper limit and the estimate in the unit."""
+        return self.scale * row.lower, self.scale * row.upper, self.scale * row.estimate
+
+    def of(self, row: ContrastRow, value: float, least: int = _LEAST_DIGITS) -> str:
+        """Write a value with the digits of the row's estimate, without its sign."""
+        digits = max(digits_of(row.estimate, row.lower, row.upper), least)
+        return bare(rounded(abs(self.scale * value), digits))
+
+    def signed(self, row: ContrastRow, value: float, least: int = _LEAST_DIGITS) -> str:
+        """Write a value; a difference with its sign."""
+        sign = "" if self.ratio or value == 0.0 else "−" if value < 0.0 else "+"
+        return sign + self.of(row, value, least)
+
+    def limits(self, row: ContrastRow, *, together: bool = False) -> str:
+        """Write both limits with their unit, and what they claim."""
+        low = row.lower_together if together else row.lower
+        high = row.upper_together if together else row.upper
+        claim = f"{percent(row.level)}, together" if together else percent(row.level)
+        lower = self.signed(row, low or 0.0, 2)
+        upper = self.signed(row, high or 0.0, 2)
+        return f"{claim}: {lower} to {upper}{self.unit}"
 
 
-@dataclasses.dataclass(frozen=True)
-class Contrasts:
-    """The section of factors, groups and covariates."""
+def size_of(row: ContrastRow, results: Results) -> Size:
+    """Return how a contrast is written; a part of references in their unit, if they are equal."""
+    if row.family == "lognormal" or row.of == "spread":
+        return Size(True, 1.0, "")
+    if row.unit != "references":
+        return Size(False, 1.0, f" {row.unit}".rstrip())
+    sizes = set()
+    for cell in matching(results.intervals, parameter=row.parameter):
+        if cell.environment.startswith(row.references):
+            sizes.add(cell.reference)
+    if len(sizes) == 1 and None not in sizes:
+        unit = results.data.quantities[row.parameter].unit
+        return Size(False, float(sizes.pop() or 0.0), f" {unit}".rstrip())
+    return Size(False, 100.0, " % of the reference")
 
-    within: str  # Factors of which each subject has all levels, as a list in words
-    groups: str  # Factors of which each subject has one level
-    ratio: bool  # Whether contrasts of bias are ratios, else differences
-    bayesian: bool
-    overall: list[ContrastRow]  # Of the average user, over all references
-    rows: list[ContrastRow]  # Pair by pair of levels
-    several: bool  # Quantities
-    anova: list[AnovaTable]
-    least_digits: int = _LEAST_DIGITS  # Of estimates
 
-
-def contrast(results: Results) -> Section | None:
-    """Return the contrasts of all factors, pair by pair of levels, and slopes of covariates."""
+def contrast(results: Results) -> Section:
+    """Return the section: sentences on every contrast of users, one table, and tests of terms."""
     rows = results.contrast
-    if not rows:
-        return None
+    words = words_of(results)
     parameters = distinct(rows, "parameter")
     pairs = list(dict.fromkeys((row.factor, row.first, row.second) for row in rows))
 
     def place(row: ContrastRow) -> tuple[int, int, int]:
         pair = pairs.index((row.factor, row.first, row.second))
-        return pair, parameters.index(row.parameter), _PARTS.index(row.of)
+        return _PARTS.index(row.of), pair, parameters.index(row.parameter)
 
-    view = Contrasts(
-        within=listed(distinct(matching(rows, within=True), "factor")),
-        groups=listed(distinct(matching(rows, within=False), "factor")),
-        ratio=rows[0].family == "lognormal",
-        bayesian="bayesian" in distinct(rows, "method"),
-        overall=_overall(rows),
-        rows=sorted(rows, key=place),
-        several=len(parameters) > 1,
-        anova=[
-            AnovaTable(results.data.quantities[name], matching(results.anova, parameter=name))
-            for name in distinct(results.anova, "parameter")
-        ],
+    ratio = bool(rows) and rows[0].family == "lognormal"
+    ordered_rows = sorted(rows, key=place)
+    return Section(
+        "contrast",
+        f"Differences between levels of {listed(distinct(rows, 'factor'))}" if rows else "",
+        sentences=_grounds(rows, words),
+        tables=[_table(ordered_rows, results, ratio=ratio), *_anova(results, ratio=ratio)],
+        figures=[panel.name for panel in level_panels(results)],
     )
-    factors = listed(distinct(rows, "factor"))
-    compared = [row for row in rows if row.of != "level"] or rows
-    versus = "levels two by two"
-    if len({(row.factor, row.first, row.second) for row in compared}) == 1:
-        versus = f"{compared[0].second} against {compared[0].first}"
-    return Section("contrast", f"{factors}: {versus}", view)
+
+
+def _grounds(rows: Sequence[ContrastRow], words: Words) -> list[str]:
+    """Say what contrasts rest on."""
+    within = listed(distinct(matching(rows, within=True), "factor"))
+    groups = listed(distinct(matching(rows, within=False), "factor"))
+    sentences = []
+    if within:
+        sentences.append(
+            f"Every {words.subject} went through all levels of {within}: contrasts pair each"
+            f" {words.subject}’s own means. Classical limits are paired t, prediction and tolerance"
+            " intervals; those of spread are Pitman and Morgan’s."
+        )
+    if groups:
+        sentences.append(
+            f"Different {words.subjects} are compared in {groups}. Classical limits are Welch’s;"
+            " those of spread are F limits."
+        )
+    if matching(rows, method="bayesian"):
+        sentences.append(
+            "All Bayesian contrasts come from one posterior. All contrasts of a factor lie within"
+            " their “together” limits with the stated probability."
+        )
+    if rows:
+        sentences.append("Overall contrasts give all references the same weight.")
+    return sentences
+
+
+def _table(rows: Sequence[ContrastRow], results: Results, *, ratio: bool) -> Table:
+    """Return the one table of all contrasts."""
+    words = words_of(results)
+
+    def style(row: ContrastRow) -> str:
+        return "difference percent" if row.unit == "references" else "plain"
+
+    def where(row: ContrastRow) -> str:
+        return row.environment or f"overall, {len(row.references)} of {row.of_references}"
+
+    def compared(row: ContrastRow) -> str:
+        unit = "% of the reference" if row.unit == "references" else row.unit
+        named = _OF.get(row.of, f"{row.of} {row.factor}")
+        return f"{named} ({unit})" if unit else named
+
+    def together(row: ContrastRow) -> Cell:
+        if row.lower_together is None:
+            return NOTHING
+        return ends(row, "lower_together", "upper_together", style=style(row))
+
+    columns = {
+        "Contrast": lambda row: f"{row.second} against {row.first}",
+        capitalised(words.environment): where,
+        "Quantity": lambda row: results.data.quantities[row.parameter].label,
+        "Of": compared,
+        "Kind": lambda row: row.kind or "–",
+        "Method": lambda row: row.method,
+        "estimate (limits)": lambda row: with_limits(row, style=style(row), least=_LEAST_DIGITS),
+        "together": together,
+        "p": of("p_value", 2),
+        words.subjects: of("n", style="count"),
+    }
+    if not any(row.lower_together is not None for row in rows):
+        del columns["together"]
+    measure = "the first over the second" if ratio else "the first less the second"
+    caption = f"Contrasts of levels: {measure}; spreads as ratios of SDs."
+    return table_of(caption, rows, columns, name="contrast", csv="contrast")
+
+
+def _anova(results: Results, *, ratio: bool) -> list[Table]:
+    """Return a table of the tests of terms for each quantity."""
+    words = words_of(results)
+    tables = []
+    for name in distinct(results.anova, "parameter"):
+        measure = "log ratios" if ratio else "differences"
+        caption = (
+            f"Analysis of variance of {results.data.quantities[name].words}, {words.subjects}’ mean"
+            f" {measure}; degrees of freedom by Greenhouse and Geisser’s ε."
+        )
+        columns = {
+            "Term": lambda row: row.factor.replace(":", " × "),
+            "F": of("f", 4),
+            "df": of("df_corrected", 4),
+            "df of error": of("df_error_corrected", 4),
+            "ε": of("epsilon", 3),
+            "p": of("p_corrected", 2),
+            "partial η²": of("partial_eta2", 2),
+            "generalised η²": of("generalised_eta2", 2),
+        }
+        rows = matching(results.anova, parameter=name)
+        tables.append(table_of(caption, rows, columns, name=f"anova_{name}", csv="anova"))
+    return tables
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,6 +229,7 @@ class Design:
     groups: list[str]  # "12 novice and 11 expert (group)"
     covariates: str
     own_slopes: str  # Covariates of which each subject has a slope
+    own_slopes: str  # Covariates of which each subject has a slope
 
 
 def design_words(results: Results) -> Design:
@@ -149,100 +261,106 @@ def _subjects_at(rows: Sequence[LevelValues]) -> int:
     return sum(any(value is not None for value in values) for values in by_subject)
 
 
-def _overall(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
-    """Return every contrast over all references, of each quantity's best method.
+def _clearest(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
+    """Return each factor's clearest contrast of each quantity: interactions first.
 
-    Without such a contrast, return those of single references. They are the average user's, or of
-    the first kind that there is.
+    It is over all references where there is such a one, of the average user, and of the best
+    method.
     """
     of_users = [row for row in rows if row.of not in ("level", "spread")]
-    best = []
+    found = []
     for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in of_users):
-        of_quantity = matching(of_users, factor=factor, parameter=parameter)
-        kind = ordered(KINDS, of_quantity, "kind")[0]
-        of_kind = matching(of_quantity, kind=kind)
-        for first, second in dict.fromkeys((row.first, row.second) for row in of_kind):
-            of_pair = matching(of_kind, first=first, second=second)
-            method = ordered(METHODS[::-1], of_pair, "method")[0]
-            of_method = matching(of_pair, method=method)
-            best += matching(of_method, environment=None) or of_method
-    return best
+        of_factor = matching(of_users, factor=factor, parameter=parameter)
+        of_factor = matching(of_factor, kind=ordered(KINDS, of_factor, "kind")[0])
+        of_factor = matching(of_factor, method=ordered(METHODS[::-1], of_factor, "method")[0])
+        found.append(max(matching(of_factor, environment=None) or of_factor, key=_clarity))
+    return sorted(found, key=lambda row: row.of != "interaction")
+
+
+def _clarity(row: ContrastRow) -> float:
+    """Return how many lengths of its interval a contrast lies from none."""
+    centre = 1.0 if row.family == "lognormal" else 0.0
+    return abs(row.estimate - centre) / (row.upper - row.lower or 1.0)
 
 
 def contrast_sentences(results: Results) -> list[str]:
-    """Say how the levels of the factor differ, on what grounds, and how many contrasts remain."""
-    contrasts = _overall(results.contrast)
-    # No one sentence says what an interaction is.
-    rows = [row for row in contrasts if row.of != "interaction"]
+    """Say how levels differ: each factor's clearest contrast, with its interval."""
     words = words_of(results)
     sentences = []
-    for row in rows[:_SAID]:
-        label = results.data.quantities[row.parameter].label
-        if row.environment is not None:
-            label += f" in {row.environment}"
-        sure = "confidence" if row.method == "classical" else "probability"
-        rests_on = f"{row.n} of {counted(row.of_subjects, words.user, words.users)}"
-        if row.environment is None and row.of_references > 1:
-            matched = results.data.quantities[row.parameter].is_matched
-            places = "references" if matched else words.environments
-            rests_on += f" and {len(row.references)} of {row.of_references} {places}"
-            if len(row.references) < row.of_references:
-                rests_on += f", {listed(row.references)}"
-        said = f"{_who_sets(row, words)} {label} {_difference(row)}"
-        if row.of == "slope" and row.factor == TRIAL_REFERENCE:
-            said = _along_the_reference(row, f"{words.users} set {label}")
-        sentences.append(f"{said} with {percent(row.level)} {sure}, from {rests_on}.")
-    if len(contrasts) > len(sentences):
-        more = counted(len(contrasts) - len(sentences), "more contrast")
-        factors = listed(distinct(contrasts, "factor"))
-        sentences.append(f"The section on {factors} has {more}.")
+    for row in _clearest(results.contrast):
+        said = _difference(row, results, words)
+        rests_on = []
+        if row.n < row.of_subjects:
+            rests_on.append(f"{row.n} of {row.of_subjects} {words.subjects}")
+        if row.environment is None and len(row.references) < row.of_references:
+            rests_on.append(f"{len(row.references)} of {row.of_references} references")
+        if rests_on:
+            said += f" It rests on {listed(rests_on)}."
+        sentences.append(said)
     return sentences
 
 
-def _who_sets(row: ContrastRow, words: Words) -> str:
-    """Begin a sentence with the users whose contrast a row holds."""
-    if row.kind == "user":
-        return f"The next {words.user} sets"
-    if row.share is not None:
-        return f"At least {percent(row.share)} of {words.users} set"
-    return f"{capitalised(words.users)} set"
+def _is_clear(row: ContrastRow) -> bool:
+    """Say whether the limits, joint ones where there are such, leave out that nothing differs."""
+    lower = row.lower if row.lower_together is None else row.lower_together
+    upper = row.upper if row.upper_together is None else row.upper_together
+    centre = 1.0 if row.family == "lognormal" else 0.0
+    return not lower <= centre <= upper
 
 
-def _along_the_reference(row: ContrastRow, users_set: str) -> str:
-    """Say how settings, and their ratio to the reference, change over a decade of it."""
-    if row.family != "lognormal":
+def _difference(row: ContrastRow, results: Results, words: Words) -> str:
+    """Say how the second level differs from the first."""
+    size = size_of(row, results)
+    quantity = results.data.quantities[row.parameter]
+    who = {"user": f"next {words.user}’s ", "share": f"most {words.users}’ "}.get(
+        row.kind or "", ""
+    )
+    what = f"{who}{quantity.label}" + (f" in {row.environment}" if row.environment else "")
+    limits = size.limits(row)
+    first, second = row.first, row.second
+    if row.of == "slope":
+        if row.factor == TRIAL_REFERENCE:
+            return _along_the_reference(row, size, what)
+        second = f"{row.second} of {row.factor}"
+    if row.of == "interaction":
+        what, first, second = _interaction(row, what)
+    if not _is_clear(row):
+        limits = size.limits(row, together=row.lower_together is not None)
+        times = " times" if size.ratio else size.unit
+        estimate = size.signed(row, row.estimate)
+        return (
+            f"{capitalised(second)} and {first} do not differ clearly in the {what}:"
+            f" {estimate}{times} ({limits})."
+        )
+    if size.ratio:
+        more = f"{size.of(row, row.estimate)} times as high"
+        return f"The {what} is {more} for {second} as for {first} ({limits})."
+    sides = ("higher", "lower") if quantity.is_matched else ("larger", "smaller")
+    side = sides[row.estimate < 0.0]
+    more = f"{size.of(row, row.estimate)}{size.unit} {side}"
+    return f"The {what} is {more} for {second} than for {first} ({limits})."
+
+
+def _interaction(row: ContrastRow, what: str) -> tuple[str, str, str]:
+    """Name what an interaction compares: the change over one factor, at two levels of the rest."""
+    start, _, rest = row.first.partition(", ")
+    end, _, other = row.second.partition(", ")
+    return f"change of the {what} from {start} to {end}", rest, other
+
+
+def _along_the_reference(row: ContrastRow, size: Size, what: str) -> str:
+    """Say how settings change over a decade of the reference."""
+    limits = size.limits(row)
+    if not size.ratio:
         way = "falls" if row.estimate < 0 else "rises"
-        size = f"{_size(row, abs(row.estimate))} {row.unit}"
-        what = f"the difference from the reference that {users_set} {way} by {size}"
-        return f"Per decade of reference {what}: {_ends(row)} {row.unit}"
+        change = f"{size.of(row, row.estimate)}{size.unit}"
+        return (
+            f"Per decade of reference the difference of {what} from the reference {way} by"
+            f" {change} ({limits})."
+        )
     way = "falls" if row.estimate < 1 else "rises"
     # The reference itself is ten times as high.
-    times = f"{users_set} {_size(row, 10.0 * row.estimate)} times as high"
-    ratio = f"the ratio to the reference {way} to {_size(row, row.estimate)} times"
-    return f"Per decade of reference {times}: {ratio}, {_ends(row)}"
-
-
-def _size(row: ContrastRow, value: float) -> str:
-    """Write a value with the digits of a row's estimate."""
-    digits = max(digits_of(row.estimate, row.lower, row.upper), _LEAST_DIGITS)
-    return bare(rounded(value, digits))
-
-
-def _ends(row: ContrastRow) -> str:
-    """Write a row's interval."""
-    lower = bare(rounded(row.lower, digits_of(row.lower, row.lower, row.upper)))
-    upper = bare(rounded(row.upper, digits_of(row.upper, row.lower, row.upper)))
-    return f"{lower} to {upper}"
-
-
-def _difference(row: ContrastRow) -> str:
-    """Say how the second level differs from the first, with the interval."""
-    size = _size(row, abs(row.estimate))
-    ends = _ends(row)
-    if row.of == "slope":
-        row = dataclasses.replace(row, second=f"{row.second} of {row.factor}")
-    if row.family == "lognormal":
-        return f"{size} times as high with {row.second} as with {row.first}: {ends}"
-    side = "lower" if row.estimate < 0 else "higher"
-    levels = f"{side} with {row.second} than with {row.first}"
-    return f"{size} {row.unit} {levels}: {ends} {row.unit}"
+    return (
+        f"Per decade of reference the {what} is {size.of(row, 10.0 * row.estimate)} times as high:"
+        f" the ratio to the reference {way} to {size.of(row, row.estimate)} times ({limits})."
+    )

@@ -9,7 +9,7 @@ from decimal import Decimal
 from percept.errors import UsageError
 
 __all__ = [
-    "SUPERSCRIPT", "Number", "bare", "digits_of", "number", "percentage", "rounded",
+    "SUPERSCRIPT", "Number", "bare", "digits_of", "number", "percentage", "rounded", "short",
 ]  # fmt: skip
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -46,6 +46,11 @@ def bare(text: str) -> str:
     """Drop zeros that end a decimal fraction."""
     mantissa, times, power = text.partition(" ×")
     return (mantissa.rstrip("0").removesuffix(".") if "." in mantissa else mantissa) + times + power
+
+
+def short(value: float, digits: int = 3) -> str:
+    """Write a number to significant digits, without zeros at its end."""
+    return bare(rounded(value, digits))
 
 
 def percentage(value: float, digits: int = 3) -> str:
@@ -94,6 +99,8 @@ def _written(value: float, digits: int, style: str) -> str:
         return _bias(value)
     if style == "difference":
         return ("+" if value > 0 else "") + bare(rounded(value, digits))
+    if style == "difference percent":
+        return ("+" if value > 0 else "") + short(100 * value, digits) + "\u202f%"
     if style == "percent":
         return percentage(value, digits)
     if style == "error":

@@ -1,24 +1,29 @@
-"""The answer first: findings in sentences, a row per quantity and environment, and cautions."""
+"""The answer first: decisions in sentences, a row per environment, and cautions."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+from percept.errors import capitalised
+from percept.inference.record import percent
 from percept.report.cautions import cautions, overruled
 from percept.report.contrast import contrast_sentences, level_panels
-from percept.report.feelings import (
+from percept.report.decisions import (
+    FEELINGS,
     RENDERED,
     coupling_sentences,
+    device_sentences,
     feeling_sentences,
-    rendering_sentences,
 )
+from percept.report.display import centrals
+from percept.report.methods import who_gave_what
+from percept.report.numbers import digits_of
 from percept.report.paragraph import results_paragraph
-from percept.report.people import NamedSubject, named_subjects
+from percept.report.sections import NOTHING, Cell, Columns, Section, Table, table_of, value
 from percept.report.select import (
+    METHOD_NAMES,
     METHODS,
-    Section,
     compared_by_difference,
     distinct,
     families_of,
@@ -34,12 +39,13 @@ from percept.results import (
     Overview,
     OverviewRow,
     Results,
-    Verdict,
 )
 
-__all__ = ["findings", "first_screen", "overview"]
+__all__ = ["decide", "findings", "overview", "setting_sentences", "summary"]
 
 _KIND = "user"  # whose range stands beside the average's interval
+_MOST_SENTENCES = 3
+_MOST_CAUTIONS = 5  # that stand open
 
 
 def findings(results: Results) -> Findings:
@@ -50,25 +56,43 @@ def findings(results: Results) -> Findings:
 
 
 def overview(results: Results) -> Overview:
-    """Return the rows of the first table, and the sentences above them."""
+    """Return the rows of the intervals that the page is about, and the decisions."""
+    return Overview(tuple(_both_rows(results)[0]), tuple(decide(results)))
+
+
+def decide(results: Results) -> list[str]:
+    """Return at most three statements: what is so, how sure, and what to do next.
+
+    A model that overrules the data is said before them.
+    The study's own contrasts come first; then what can be rendered and feels real. Without a
+    device, how far users set each quantity off.
+    """
+    words = words_of(results)
+    warning = overruled(results, words)
+    statements = contrast_sentences(results)
+    effects = results.ladder.effects if results.ladder else ()
+    feelings = feeling_sentences(results.verdicts, results.rendering or (), words, effects)
+    if feelings:
+        statements = [*statements[:1], " ".join(feelings)]
+        statements += [" ".join(coupling_sentences(results.design, words))]
+        statements += device_sentences(results, words)
+    else:
+        statements += setting_sentences(results)
+    return [*warning, *[statement for statement in statements if statement][:_MOST_SENTENCES]]
+
+
+def setting_sentences(results: Results) -> list[str]:
+    """Say how far users set each quantity off, and where the next user's settings lie."""
     rows, classical = _both_rows(results)
     words = words_of(results)
-    sentences = [*overruled(results, words), *contrast_sentences(results)]
-    contrasts = len(sentences)
     effects = results.ladder.effects if results.ladder else ()
-    sentences += bias_sentences(rows, classical, results.data.quantities, words, effects)
-    if feelings := feeling_sentences(results.verdicts, words, effects):
-        sentences.append(" ".join(feelings))
-    if about_coupling := [*rendering_sentences(results), *coupling_sentences(results)]:
-        sentences.append(" ".join(about_coupling))
-    sentences += user_sentences(rows, results.data.quantities, words)
-    # The next user's ranges answer where no device lets percept judge what feels real.
-    most = contrasts + max(3, 2 * len(distinct(rows, "parameter")))
-    return Overview(tuple(rows), tuple(sentences[:most]))
+    quantities = results.data.quantities
+    sentences = bias_sentences(rows, classical, quantities, words, effects)
+    return sentences + user_sentences(rows, quantities, words)
 
 
 def _both_rows(results: Results) -> tuple[list[OverviewRow], list[OverviewRow]]:
-    """Return the rows of the first table, and the rows of the classical method."""
+    """Return the rows of the overview, and the rows of the classical method."""
     intervals = matching(results.intervals, joint="marginal")
     differences = compared_by_difference(intervals)
     preferred = families_of(results)
@@ -100,7 +124,7 @@ def _rows(
 def _row(
     main: IntervalRow, mean: IntervalRow | None, user: IntervalRow | None, *, relative: bool
 ) -> OverviewRow:
-    """Return what the table says of one quantity of one environment."""
+    """Return what there is to say of one quantity of one environment."""
     reference = main.reference
 
     def bias(value: float | None) -> float | None:
@@ -138,50 +162,143 @@ def _row(
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class Line:
-    """A row of the first table."""
-
-    row: OverviewRow
-    rowspan: int  # Quantities of the environment
-    verdicts: list[Verdict | None]  # As the environment is rendered: directly, through the coupling
-
-
-@dataclasses.dataclass(frozen=True)
-class FirstScreen:
-    """The first screen."""
-
-    lines: list[Line]
-    folded: list[Line]  # Of many environments those whose bias is less clear
-    levels: list[str]  # Figures of factors, by quantity
-    panels: list[str]  # Figures, by quantity
-    every: list[str]  # Figures of all environments, where `panels` leave some out
-    rendered: list[str]  # How environments are displayed, in words
-    named: list[NamedSubject]  # By a warning
-
-
-def first_screen(results: Results, summary: Findings) -> Section:
-    """Return the first screen: sentences, the table of environments, and warnings."""
-    rows = summary.overview.rows
-    rendered = distinct(results.verdicts, "coupled")
-    open_ones = foremost(rows)
-    lines: list[Line] = []
-    folded: list[Line] = []
-    for row in rows:
-        felt = matching(results.verdicts, environment=row.environment)
-        verdicts = [first(matching(felt, coupled=coupled)) for coupled in rendered]
-        line = Line(row, len(matching(rows, environment=row.environment)), verdicts)
-        (lines if row.environment in open_ones else folded).append(line)
-    parameters = distinct(rows, "parameter")
-    panels = [f"overview_{name}" for name in parameters]
-    every = [f"overview_all_{name}" for name in parameters] if folded else []
-    view = FirstScreen(
-        lines=lines,
-        folded=folded,
-        levels=[panel.name for panel in level_panels(results)],
-        panels=panels,
-        every=every,
-        rendered=[RENDERED[coupled] for coupled in rendered],
-        named=named_subjects(results),
+def summary(results: Results, found: Findings) -> Section:
+    """Return the first screen: decisions, the table of environments, cautions and a figure."""
+    words = words_of(results)
+    rows = found.overview.rows
+    names = distinct(rows, "environment")
+    shown = foremost(rows)
+    others = [name for name in names if name not in shown]
+    table = _environments(results, rows, [name for name in names if name in shown], "overview")
+    further = _environments(results, rows, others, "overview_other")
+    figures = [panel.name for panel in level_panels(results)] or ["overview"] * bool(rows)
+    return Section(
+        "summary",
+        "Summary",
+        parts=[
+            Section("withheld", "", _withheld(results), form="warning"),
+            Section("decisions", "", found.overview.sentences, form="list"),
+            Section("environments", "", [], [table, centrals(results)]),
+            Section(
+                "others",
+                f"The other {len(others)} {words.environments}",
+                tables=[further],
+                figures=["overview_all"] if others else [],
+                is_folded=True,
+            ),
+            Section(
+                "cautions",
+                "Before you rely on it",
+                found.cautions[:_MOST_CAUTIONS],
+                parts=[
+                    Section(
+                        "more-cautions",
+                        "More to know",
+                        found.cautions[_MOST_CAUTIONS:],
+                        form="list",
+                        is_folded=True,
+                    )
+                ],
+                form="warning",
+            ),
+            Section("source", "", [who_gave_what(results)], figures=figures),
+        ],
     )
-    return Section("summary", "Summary", view)
+
+
+def _withheld(results: Results) -> list[str]:
+    """Say where a run of the sampler gave no numbers."""
+    diagnostics = results.diagnostics
+    if diagnostics is None or diagnostics.gate.passed:
+        return []
+    return ["The Bayesian numbers are withheld: the sampler did not pass its checks."]
+
+
+def _environments(
+    results: Results, rows: Sequence[OverviewRow], names: Sequence[str], name: str
+) -> Table:
+    """Return the table with a row per environment."""
+    if not names:
+        return Table("", [], [])
+    quantities = results.data.quantities
+    parameters = distinct(rows, "parameter")
+    columns: Columns = {capitalised(words_of(results).environment): str}
+    heads = {}
+    for parameter in parameters:
+        quantity = quantities[parameter]
+        unit = f" ({quantity.unit})" if quantity.unit else ""
+        heads[parameter] = f"Mean {quantity.symbol}{unit}"
+        if quantity.is_matched:
+            of_parameter = matching(rows, parameter=parameter)
+            in_unit = "" if of_parameter[0].relative else unit
+            heads[parameter] = f"Bias of {quantity.symbol}{in_unit}"
+            columns[f"Reference {quantity.symbol}{unit}"] = _column(of_parameter, _reference)
+    for coupled in distinct(results.rendering or results.verdicts, "coupled"):
+        columns[capitalised(RENDERED[coupled])] = _display(results, coupled=coupled)
+    for parameter in parameters:
+        columns[heads[parameter]] = _column(matching(rows, parameter=parameter), _bias)
+    return table_of(_caption(results, rows[0]), names, columns, name=name)
+
+
+def _column(
+    rows: Sequence[OverviewRow], cell: Callable[[OverviewRow], Cell]
+) -> Callable[[str], Cell]:
+    """Return what makes an environment's cell of one quantity."""
+    by_name = {row.environment: row for row in rows}
+
+    def of_environment(name: str) -> Cell:
+        return cell(by_name[name]) if name in by_name else NOTHING
+
+    return of_environment
+
+
+def _reference(row: OverviewRow) -> Cell:
+    return value(row, "reference", style="short")
+
+
+def _bias(row: OverviewRow) -> Cell:
+    """Return a bias with its interval; where nothing was matched, a mean."""
+    style = "bias" if row.relative else "difference" if row.reference else "plain"
+    digits = digits_of(row.estimate, row.user_lower, row.user_upper)
+    estimate = value(row, "bias", digits=digits, style=style)
+    lower = value(row, "bias_lower", digits=digits, style=style)
+    upper = value(row, "bias_upper", digits=digits, style=style)
+    return (*estimate, " (", *lower, " to ", *upper, ")")
+
+
+def _display(results: Results, *, coupled: bool) -> Callable[[str], Cell]:
+    """Return what makes a cell on rendering, and on feeling real of what can be rendered."""
+    verdicts = matching(results.verdicts, coupled=coupled)
+    rendering = matching(results.rendering or (), coupled=coupled)
+
+    def cell(name: str) -> Cell:
+        rendered = first(matching(rendering, environment=name))
+        verdict = first(matching(verdicts, environment=name))
+        if rendered is not None and rendered.verdict == "cannot":
+            return ("cannot be rendered",)
+        if rendered is not None and rendered.verdict == "undecided":
+            return ("rendering not decided",)
+        if verdict is None:
+            return ("can be rendered",) if rendered else NOTHING
+        probability = value(verdict, "probability", digits=3, style="percent")
+        return (FEELINGS[verdict.outcome], ", ", *probability)
+
+    return cell
+
+
+def _caption(results: Results, row: OverviewRow) -> str:
+    """Say what the columns are."""
+    words = words_of(results)
+    method = f"{percent(row.level)}, {METHOD_NAMES[row.method]}, {row.family}"
+    what = f"Mean: of all {words.users}"
+    if results.data.quantities[row.parameter].is_matched:
+        what = f"Bias: how far the average {words.user} is off the reference"
+    said = f"{what}, with its interval ({method})."
+    if results.verdicts:
+        verdict = results.verdicts[0]
+        measure = "probability" if verdict.method == "bayesian" else "confidence"
+        said += (
+            f" Real: among the central {percent(verdict.central)} of {words.users} at every ω, with"
+            f" {METHOD_NAMES[verdict.method]} {measure} of {percent(verdict.decision)} or more."
+        )
+    return said

@@ -1,4 +1,4 @@
-"""The report's page from its results: it needs nothing else."""
+"""The report's page from its sections: it needs nothing else."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import base64
 import dataclasses
 import hashlib
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from importlib import resources
 from typing import TYPE_CHECKING
 
@@ -14,11 +14,10 @@ from jinja2 import FunctionLoader, StrictUndefined
 from jinja2.sandbox import SandboxedEnvironment
 from markupsafe import Markup, escape
 
-from percept.errors import capitalised
 from percept.provenance import commit_of_code
-from percept.report.numbers import digits_of, number, percentage
-from percept.report.sections import build_sections
-from percept.report.select import gives_means, listed, makes_impedance, title_of, words_of
+from percept.report.numbers import number
+from percept.report.sections import Section, Table, Value
+from percept.report.select import title_of
 from percept.results import Findings, Results
 
 if TYPE_CHECKING:
@@ -29,51 +28,69 @@ __all__ = ["Places", "render_page"]
 _PACKAGE = "percept.report"
 #: What stands on a page where there is no number.
 _NO_NUMBER = Markup('<span class="none">–</span>')
+_LONG = 32  # letters of a cell that may be broken
+#: How texts of cells are marked.
+_TONES = {
+    "feels real": "yes",
+    "within": "yes",
+    "does not feel real": "no",
+    "beyond": "no",
+    "cannot be rendered": "no",
+    "not decided": "none",
+    "not rendered": "none",
+    "too little data": "none",
+    "–": "none",
+}
 
 
 def render_page(
     results: Results,
-    summary: Findings,
+    found: Findings,
+    sections: Sequence[Section],
     plots: Mapping[str, Drawing],
     *,
     date: str,
     files: Collection[str] = (),
 ) -> str:
     """Render the page: numbers know their place in report.json, tables link to `files`."""
-    places = Places(results, summary)
+    places = Places(results, found)
 
-    def written(record: object, *steps: str | int, digits: int = 5, style: str = "plain") -> Markup:
-        shown = number(places.value(record, *steps), digits=digits, style=style)
+    def written(value: Value) -> Markup:
+        shown = number(value.exact, digits=value.digits, style=value.style)
         if not shown.exact:
             return _NO_NUMBER
         return Markup('<data value="{}" data-at="{}">{}</data>').format(
-            shown.exact, places.pointer(record, *steps), shown.text
+            shown.exact, places.pointer(value.record, *value.steps), shown.text
         )
 
-    script = _asset(_PACKAGE, "page.js")
+    script = _asset("page.js")
     environment = _environment()
     environment.filters["symbols"] = _symbols
-    environment.filters["listed"] = listed
-    environment.filters["percentage"] = percentage
     return environment.get_template("page.html.j2").render(
         results=results,
-        scene=results.provenance.scene,
-        summary=summary,
+        sections=[section for section in sections if section.filled],
         files=files,
         title=results.provenance.scene["report"].get("title") or title_of(results),
-        impedance=makes_impedance(results),
-        means=gives_means(results),
-        noun=words_of(results),
-        sections=build_sections(results, summary),
+        words=results.provenance.scene["report"],
         date=date,
         commit=commit_of_code(),
         n=written,
-        digits_of=digits_of,
+        tone=_tone,
+        tones=_TONES,
         plots=plots,
-        style=_asset(_PACKAGE, "page.css"),
+        style=_asset("page.css"),
         script=script,
         policy=_policy(script),
     )
+
+
+def _tone(table: Table, column: int) -> str:
+    """Return the classes of a column: of text, and of text that may be broken."""
+    cells = [row[column] for row in table.rows]
+    if any(isinstance(part, Value) for cell in cells for part in cell):
+        return "number"
+    longest = max(len("".join(map(str, cell))) for cell in cells)
+    return "text long" if longest > _LONG else "text"
 
 
 def _environment() -> SandboxedEnvironment:
@@ -83,16 +100,13 @@ def _environment() -> SandboxedEnvironment:
         file = resources.files(_PACKAGE).joinpath("templates", name)
         return file.read_text(encoding="utf-8") if file.is_file() else None
 
-    environment = SandboxedEnvironment(
+    return SandboxedEnvironment(
         loader=FunctionLoader(load),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["initial"] = capitalised
-    environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "separators": (",", ":")}
-    return environment
 
 
 def _policy(*scripts: str) -> str:
@@ -109,9 +123,9 @@ def _policy(*scripts: str) -> str:
     )
 
 
-def _asset(package: str, name: str) -> Markup:
-    """Return a style sheet or script of a package's templates, as it stands."""
-    return Markup(resources.files(package).joinpath("templates", name).read_text(encoding="utf-8"))
+def _asset(name: str) -> Markup:
+    """Return a style sheet or script, as it stands."""
+    return Markup(resources.files(_PACKAGE).joinpath("templates", name).read_text(encoding="utf-8"))
 
 
 def _symbols(text: str) -> Markup:
@@ -130,17 +144,6 @@ class Places:
         self._kept = results, summary
         self._pointers = dict(_pointers(results, ""))
         self._pointers |= _pointers(summary, "/summary")
-
-    def value(self, record: object, *steps: str | int) -> object:
-        """Return what stands some steps below a record; None where a table lacks it."""
-        for step in steps:
-            if isinstance(record, Mapping):
-                record = record.get(step)
-            elif isinstance(record, tuple) and isinstance(step, int):
-                record = record[step]
-            else:
-                record = getattr(record, str(step))
-        return record
 
     def pointer(self, record: object, *steps: str | int) -> str:
         """Return the JSON pointer of what stands some steps below a record."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.contrast import contrast_sentences
-from percept.report.feelings import feeling_sentences
+from percept.report.decisions import feeling_sentences
 from percept.report.select import MOST_OPEN, Words, distinct, listed, matching, words_of
 from percept.report.sentences import (
     Bias,
@@ -58,7 +58,7 @@ def results_paragraph(
         sentences += _biases(label, biases, others, words)
         sentences += disagreements(biases, by_classical, words)
     sentences += user_sentences(rows, results.data.quantities, words)
-    sentences += feeling_sentences(results.verdicts, words)
+    sentences += feeling_sentences(results.verdicts, results.rendering or (), words)
     if sentences and results.data.simulated:
         sentences.insert(0, "These results are of simulated data.")
     return " ".join(sentences)
@@ -73,7 +73,7 @@ def _biases(label: str, biases: Sequence[Bias], others: dict[str, Bias], words: 
     if len(clear) > len(said):
         said.append(f"off in {len(clear) - len(said)} more {words.environments}")
     if said:
-        sentences.append(f"{name} was set {listed(said)}.")
+        sentences.append(f"{name} was {words.verb} {listed(said)}.")
     unclear = [bias for bias in biases if not bias.sign]
     for says_nothing, claim in (
         (False, f"{name} showed no clear bias in"),
@@ -93,8 +93,10 @@ def _said(bias: Bias, other: Bias | None) -> str:
         level = percent(other.row.level)
         parts.append(f"{level} CI too wide to tell" if other.says_nothing else _interval(other))
     parts.append(_interval(bias))
-    side = "high" if bias.sign > 0 else "low"
-    return f"{size_said(bias)} too {side} in {bias.row.environment} ({'; '.join(parts)})"
+    side = "too high" if bias.sign > 0 else "too low"
+    if not bias.row.reference:
+        side = "above zero" if bias.sign > 0 else "below zero"
+    return f"{size_said(bias)} {side} in {bias.row.environment} ({'; '.join(parts)})"
 
 
 def _interval(bias: Bias) -> str:

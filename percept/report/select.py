@@ -17,7 +17,6 @@ __all__ = [
     "METHOD_NAMES",
     "MOST_NAMED",
     "MOST_OPEN",
-    "Section",
     "Words",
     "choice_said",
     "chosen",
@@ -30,6 +29,7 @@ __all__ = [
     "first",
     "foremost",
     "gives_means",
+    "is_rendered",
     "kind_names",
     "listed",
     "makes_impedance",
@@ -46,21 +46,11 @@ R = TypeVar("R")
 _EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
 METHODS = ("classical", "bayesian")
-#: Statistics of the predictive check, in words.
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 #: More names than this are counted, not listed.
 MOST_NAMED = 5
 #: Of more environments the first screen has the clearest; all of them are a click away.
 MOST_OPEN = 10
-
-
-@dataclass(frozen=True)
-class Section:
-    """A section of the page."""
-
-    name: str  # Id on the page, and name of its template
-    title: str  # Heading
-    view: object = None  # What its template reads as `v`, beside the results
 
 
 def kind_names(words: Nouns) -> dict[str, str]:
@@ -97,6 +87,7 @@ class Words:
     subjects: str
     user: str
     users: str
+    verb: str = "set"  # In the past tense
 
     @property
     def a_environment(self) -> str:
@@ -117,7 +108,7 @@ def _with_article(noun: str) -> str:
 def words_of(results: Results) -> Words:
     """Return the study's words."""
     nouns = results.data.words
-    return Words(*nouns.environment, *nouns.subject, *nouns.user)
+    return Words(*nouns.environment, *nouns.subject, *nouns.user, nouns.verb)
 
 
 def family_of(results: Results) -> str:
@@ -133,6 +124,15 @@ def families_of(results: Results) -> tuple[str, ...]:
 def preferred_families(family: str) -> tuple[str, ...]:
     """Return the families in order of preference, a study's own first."""
     return tuple(dict.fromkeys((family, "lognormal", "normal")))
+
+
+def is_rendered(results: Results, environment: str, *, coupled: bool) -> bool:
+    """Say whether the device renders an environment with every hand, as far as that was asked."""
+    if not results.rendering:
+        return True
+    return bool(
+        matching(results.rendering, environment=environment, coupled=coupled, verdict="can")
+    )
 
 
 def distinct(records: Iterable[Any], name: str) -> list[Any]:

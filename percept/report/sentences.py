@@ -123,10 +123,13 @@ def _bias_sentence(biases: Sequence[Bias], name: str, words: Words) -> str:
     if len(biases) == 1:
         return f"{name} in {row.environment}: {_signed(biases[0])} ({claim}: {ends(biases[0])})."
     parts = []
-    for sign, word in ((1, "high"), (-1, "low")):
+    too = "too high", "too low"
+    if not any(bias.row.reference for bias in biases):
+        too = "above zero", "below zero"
+    for sign, side in zip((1, -1), too, strict=True):
         same_sign = matching(biases, sign=sign)
         if same_sign:
-            parts.append(f"too {word} in {_sized(same_sign, len(biases), words)}")
+            parts.append(f"{side} in {_sized(same_sign, len(biases), words)}")
     if parts:
         return f"{name} is {', and '.join(parts)} ({claim})."
     largest = max(matching(biases, says_nothing=False), key=_size)
@@ -300,7 +303,8 @@ def user_sentences(
         sentence = []
         if determined:
             sure = "confidence" if row.method == "classical" else "probability"
-            matched = quantities[parameter].is_matched
+            # From a reference of zero a difference is the value.
+            matched = any(user.row.reference for user in ranges)
             ends = " and ".join(_extremes(determined, matched=matched, alone=len(ranges) == 1))
             sentence.append(f"With {percent(row.level)} {sure}, {what} will be {ends}.")
         if undetermined:

@@ -25,26 +25,13 @@ __all__ = [
 
 _FORMATS = ("svg", "pdf", "png")
 _TABLES = (
-    "intervals_*",
-    "data_*",
-    "band_*",
-    "band",
-    "boundaries",
-    "psychophysics",
-    "pse_lines",
-    "equivalence",
-    "contrast",
-    "anova",
-    "anova_*",
-    "memberships",
-    "subjects",
-    "overview",
-    "overview_other",
-    "verdicts",
-)
+    "intervals_*", "data_*", "band_*", "band", "boundaries", "psychophysics", "pse_lines",
+    "equivalence", "contrast", "anova", "anova_*", "memberships", "subjects", "overview",
+    "overview_other", "verdicts", "verdicts_classical", "centrals", "rendering", "design", "device",
+)  # fmt: skip
 _FIGURES = (
-    "levels_*", "overview_*", "pse_*", "boundaries", "ratios", "boundaries_close", "zwidth",
-    "stability", "design", "band", "band_*",
+    "levels_*", "overview", "overview_all", "ratios", "boundaries_close", "stability", "design",
+    "band", "band_*",
 )  # fmt: skip
 #: What a report may write and replace.
 REPORT_FILES = FolderFiles(
@@ -124,9 +111,10 @@ def fill_report(
         Called with the name of each step.
     """
     # A fit needs none of these, and matplotlib is slow to import.
-    from percept.report.basis import bibtex
+    from percept.report.document import build_sections
     from percept.report.figures import drawings
     from percept.report.figures.output import draw_all
+    from percept.report.methods import bibtex
     from percept.report.page import render_page
     from percept.report.paste import paste_tables
 
@@ -135,18 +123,19 @@ def fill_report(
     summary = findings(results)
     (folder / "report.json").write_text(results.to_json(summary), encoding="utf-8")
     (folder / "tables").mkdir()
+    sections = build_sections(results, summary)
     _write_tables(folder, csv_tables(results))
+    _write_tables(folder, paste_tables(sections, simulated=results.data.simulated))
     (folder / "references.bib").write_text(bibtex(results), encoding="utf-8")
     if posterior is not None:
         step("writing the posterior")
         write_posterior(posterior, folder / "posterior.nc")
     step("drawing figures")
-    plots = draw_all(drawings(results), folder / "figures", formats=formats)
+    plots = draw_all(drawings(results, summary.overview.rows), folder / "figures", formats=formats)
     step("writing the page")
     files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
     today = datetime.date.today().isoformat()
-    page = render_page(results, summary, plots, date=date or today, files=files)
-    _write_tables(folder, paste_tables(page, simulated=results.data.simulated))
+    page = render_page(results, summary, sections, plots, date=date or today, files=files)
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 

@@ -95,6 +95,7 @@ class Nouns:
     environment: tuple[str, str]
     subject: tuple[str, str]
     user: tuple[str, str]  # Users, unless the study names its subjects
+    verb: str = "set"  # What they did to a quantity, in the past tense
 
 
 @dataclasses.dataclass(frozen=True)

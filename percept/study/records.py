@@ -59,7 +59,7 @@ def what_was_read(data: Data) -> results.Data:
         factor=factors.name if factors else None,
         parameters=sessions.parameters,
         quantities={name: sessions.quantities[name] for name in sessions.parameters},
-        words=Nouns(scene.environment_noun, scene.study.subject, scene.user_noun),
+        words=Nouns(scene.environment_noun, scene.study.subject, scene.user_noun, scene.study.verb),
         counts=dict(sessions.counts),
         notices=_notes(sessions.notices),
         doubts=_notes(sessions.warnings),

@@ -273,13 +273,15 @@ class Study(Displayed):
         kinds: Collection[str] | None = None,
         ax: Any = None,
     ) -> Any:
-        """Plot intervals over their references: of every parameter and kind, or those named."""
+        """Plot intervals of a quantity over its references: the first one, or that named."""
         from percept.plots import plot_intervals
 
+        known = self.data.parameters
+        (parameter,) = select("parameter", parameter or known[0], known)
         return plot_intervals(
             self.interval_rows,
             self.read,
-            parameters=select("parameter", parameter, self.data.parameters),
+            parameter=parameter,
             kinds=select("kind", kinds, self.scene.inference.kinds),
             family=self.scene.inference.family,
             ax=ax,

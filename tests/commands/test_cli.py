@@ -138,7 +138,7 @@ def test_report_ends_with_the_page_and_keeps_what_was_there(tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
     (out / "notes.txt").write_text("mine")
-    report = ["report", SESSIONS, "--method", "classical", "--out", str(out)]
+    report = ["report", SESSIONS, "--method", "classical", "--family", "normal", "--out", str(out)]
     assert main(report) == 2
     assert "--force" in capsys.readouterr().err
     code = main([*report, "--force"])

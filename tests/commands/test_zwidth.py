@@ -52,7 +52,7 @@ def test_the_figure_is_written(scene, tmp_path, capsys):
     assert main(["zwidth", scene("delay_seconds = 0.002"), "--out", str(path)]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == str(path)
     words = " ".join(ET.parse(path).getroot().itertext())
-    assert "rendered with every passive hand" in words
+    assert "rendered with every hand" in words
     assert main(["zwidth", scene(), "--out", str(tmp_path / "none" / "a.svg")]) == 2
     assert "cannot be written" in capsys.readouterr().err
 

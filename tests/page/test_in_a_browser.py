@@ -65,10 +65,7 @@ def test_axe_finds_nothing(open_tab, axe, view):
 
 def test_the_page_is_whole_without_scripts(open_tab, page):
     with_scripts, without = open_tab(), open_tab(scripts=False)
-    count = (
-        "['table', 'figure', 'data', 'h2', 'h3', 'dd'].map(n =>"
-        " document.querySelectorAll(n).length)"
-    )
+    count = "['table', 'figure', 'data', 'h2', 'h3'].map(n => document.querySelectorAll(n).length)"
     # Evaluating from outside works with page scripts off; the explorer adds figures and a heading
     # of its own.
     tables, figures, numbers, *heads = without.evaluate(count)
@@ -78,9 +75,9 @@ def test_the_page_is_whole_without_scripts(open_tab, page):
     assert with_scripts.evaluate(count)[0] == tables
     assert with_scripts.evaluate(count)[2] == numbers
     assert min(heads) >= 2
-    shown = "['#explorer', '#choose', '#theme'].map(s => document.querySelector(s).hidden)"
-    assert without.evaluate(shown) == [True, True, True]
-    assert with_scripts.evaluate(shown) == [False, False, False]
+    shown = "['#explorer', '#theme'].map(s => document.querySelector(s).hidden)"
+    assert without.evaluate(shown) == [True, True]
+    assert with_scripts.evaluate(shown) == [False, False]
 
 
 def test_the_theme_button_turns_the_page(open_tab):
@@ -97,32 +94,9 @@ def test_the_theme_button_turns_the_page(open_tab):
 
 def test_figures_follow_the_theme(open_tab):
     line = (
-        "getComputedStyle(document.querySelector('#figure-overview_k svg"
-        " [style*=classical]')).stroke"
+        "getComputedStyle(document.querySelector('#figure-overview svg [style*=classical]')).stroke"
     )
     assert open_tab().evaluate(line) != open_tab(dark=True).evaluate(line)
-
-
-def test_unticking_a_kind_or_method_hides_it_everywhere(open_tab):
-    tab = open_tab()
-    seen = "[...document.querySelectorAll('{}')].filter(e => e.checkVisibility()).length"
-    rows = seen.format("#intervals td[data-kind=user]")
-    cells = seen.format("#intervals td.m-bayesian")
-    assert tab.evaluate(rows) > 0
-    assert tab.evaluate(cells) > 0
-    marks = (
-        "[...document.querySelectorAll('#figure-overview_k g[data-kind=user]')]"
-        ".filter(e => getComputedStyle(e).display !== 'none').length"
-    )
-    assert tab.evaluate(marks) > 0
-    untick = "document.querySelector('#choose input[value={}]').click()"
-    tab.evaluate(untick.format("user"))
-    assert tab.evaluate(rows) == tab.evaluate(marks) == 0
-    tab.evaluate(untick.format("bayesian"))
-    assert tab.evaluate(cells) == 0
-    assert tab.evaluate(seen.format("#explorer path.area")) == 0
-    tab.evaluate(untick.format("user"))
-    assert tab.evaluate(rows) > 0
 
 
 def test_a_column_sorts_by_its_numbers_and_back(open_tab):
@@ -147,7 +121,7 @@ def test_resting_on_a_number_shows_all_its_digits(open_tab):
     assert tab.evaluate("[...document.querySelectorAll('data')].every(e => e.title === e.value)")
 
 
-EXPLORE = "document.querySelector('#explorer').closest('details').open = true"
+EXPLORE = "document.querySelectorAll('details:has(#explorer)').forEach(e => { e.open = true; })"
 RANGE = "[...document.querySelectorAll('#explorer input')].map(e => Number(e.value))"
 
 
@@ -230,12 +204,36 @@ def test_links_of_the_contents_lead_to_their_sections(open_tab):
 
 
 @pytest.mark.parametrize("scripts", [True, False])
-def test_references_are_on_paper_and_folded_on_the_screen(open_tab, scripts):
-    is_seen = {}
-    for medium in ("screen", "print"):
-        tab = open_tab(medium=medium, scripts=scripts)
-        is_seen[medium] = tab.evaluate("document.querySelector('.references').checkVisibility()")
-    assert is_seen == {"screen": False, "print": True}
+def test_what_is_folded_is_off_the_paper_heading_and_all(open_tab, scripts):
+    tab = open_tab(medium="print", scripts=scripts)
+    folded = "[...document.querySelectorAll('details:not([open])')]"
+    assert tab.evaluate(f"{folded}.length") > 5
+    assert tab.evaluate(f"{folded}.filter(e => e.checkVisibility()).length") == 0
+    assert tab.evaluate("document.querySelector('#environments table').checkVisibility()")
+
+
+SEEN = "[...document.querySelectorAll('main {}')].filter(e => e.checkVisibility()).length"
+
+
+def test_what_stands_open_fits_three_screens_four_tables_and_700_words(open_tab):
+    tab = open_tab(width=1200)
+    assert tab.evaluate("document.documentElement.scrollHeight") <= 3 * 900
+    assert tab.evaluate(SEEN.format("table")) <= 4
+    words = "document.querySelector('main').innerText.split(/\\s+/).length"
+    assert tab.evaluate(words) <= 900
+
+
+@pytest.mark.parametrize("width", [400, 1100, 1200])
+def test_nothing_is_wider_than_its_column(open_tab, width):
+    tab = open_tab(width=width)
+    tab.evaluate("document.querySelectorAll('details').forEach(e => { e.open = true; })")
+    assert (
+        tab.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        <= 0
+    )
+    if width >= 1100:
+        wide = "filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.ariaLabel ?? e.innerText)"
+        assert tab.evaluate(f"[...document.querySelectorAll('.scroll')].{wide}") == []
 
 
 def test_the_printed_page_is_a_pdf_with_its_fonts(open_tab):

@@ -6,19 +6,19 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
-from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from percept.report.figures import drawings
-from percept.report.figures.boundaries import boundary_drawings
 from percept.report.figures.canvas import (
     COLOURS,
     Drawing,
     log_scale,
     panels,
 )
-from percept.report.figures.intervals import Bar, BarAxis, draw_intervals, interval_drawings
-from percept.report.figures.output import STYLE, drawn
+from percept.report.figures.curves import curve_drawings
+from percept.report.figures.intervals import Bar, Rows, draw_intervals, overview_drawings
+from percept.report.figures.output import drawn
+from percept.report.overview import overview
 from tests.documents import as_results
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -27,7 +27,12 @@ HOSTILE = '<script>alert("$x$")</script>'
 
 @pytest.fixture(scope="module")
 def found(both):
-    return {drawing.name: drawing for drawing in drawings(as_results(both))}
+    return {drawing.name: drawing for drawing in drawings_of(both)}
+
+
+def drawings_of(document):
+    results = as_results(document)
+    return drawings(results, overview(results).rows)
 
 
 def axes():
@@ -43,8 +48,8 @@ def file(drawing, form="svg"):
 
 
 def test_there_is_a_figure_of_everything_with_data(found):
-    curves = {"boundaries", "boundaries_close", "ratios", "zwidth", "stability", "design"}
-    assert found.keys() == curves | {"overview_k", "overview_b", "pse_k", "pse_b", "band"}
+    curves = {"boundaries_close", "ratios", "stability", "design"}
+    assert found.keys() == curves | {"overview", "band"}
 
 
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])
@@ -77,7 +82,7 @@ def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
     assert root.find(f".//{SVG}style") is None
     assert root.find(f"{SVG}title").text == drawing.title
     ids = {element.get("id") for element in root.iter() if element.get("id")}
-    others = "".join(inline(found[name]) for name in ("boundaries", "stability"))
+    others = "".join(inline(found[name]) for name in ("boundaries_close", "stability"))
     assert not any(f'id="{one}"' in others for one in ids)
     used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', text))
     assert used
@@ -87,7 +92,7 @@ def test_the_page_s_svg_is_one_element_with_title_and_ids_of_its_own(found):
 
 
 def test_the_page_s_svg_takes_its_colours_from_the_page(found):
-    drawing = found["overview_k"]
+    drawing = found["overview"]
     text = inline(drawing)
     assert "var(--classical)" in text
     assert "var(--bayesian)" in text
@@ -104,79 +109,123 @@ def test_hostile_names_are_drawn_as_text(both):
             row["environment"] = row["environment"].replace("VE1", HOSTILE)
     for table in ("zoom", "impedances", "close_impedances"):
         document[table][HOSTILE] = document[table]["VE1"]
-    by_name = {drawing.name: drawing for drawing in drawings(as_results(document))}
-    for name in ("boundaries",):
+    by_name = {drawing.name: drawing for drawing in drawings_of(document)}
+    for name in ("ratios",):
         text = inline(by_name[name])
         assert "<script" not in text
         seen = "".join(ET.fromstring(text).itertext())
         assert 'alert("$x$")' in seen
 
 
-def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
-    _, two = interval_drawings(as_results(both))
-    assert " Each classical bar stands above the Bayesian one. " in two.description
-    assert " Ticks: the subjects; those beyond the axis are counted." in two.description
-    assert " Classical limits are lognormal." in two.description
-    document = copy.deepcopy(classical)
-    for row in (*document["intervals"], *document["data"]["cells"]):
-        if (row["environment"], row["parameter"]) == ("VE1", "b"):
-            row["reference"] = 0.0
-    k, b = interval_drawings(as_results(document))
-    assert "Bayesian" not in k.description
-    assert k.title == "What users set, divided by the reference"
-    assert b.title == "What users set, less the reference"
-    figure = Figure()
-    b.draw(figure)
-    (legend,) = figure.legends
-    # The first environment, which has no bars, is not the one that names them.
-    assert [text.get_text() for text in legend.get_texts()] == [
-        "classical", "average user", "next user", "one subject",
-    ]  # fmt: skip
-
-
-def people_drawn(drawing):
-    """Count the ticks of a drawing and the subjects that it counts at the ends of its axis."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=[side / 25.4 for side in drawing.size])
-        drawing.draw(figure)
-    (ax,) = figure.axes
-    left, right = ax.get_xlim()
-    ticks = 0
-    for line in ax.get_lines():
-        if line.get_label().startswith(("one ", "_child")) and np.isnan(line.get_ydata()).any():
-            places = line.get_xdata()
-            assert ((places >= left) & (places <= right)).all()
-            ticks += int(np.isnan(line.get_ydata()).sum())
-    said = [re.fullmatch(r"(\d+) more", text.get_text()) for text in ax.texts]
-    return ticks, sum(int(count[1]) for count in said if count)
+def drawn_on(drawing):
+    figure = Figure(figsize=[side / 25.4 for side in drawing.size], layout="constrained")
+    drawing.draw(figure)
+    return figure
 
 
 @pytest.mark.parametrize("study", ["both", "classical"])
-def test_every_subject_is_drawn_or_counted(study, request):
-    document = as_results(request.getfixturevalue(study))
-    for drawing in interval_drawings(document):
-        parameter = drawing.name.removeprefix("overview_")
-        wanted = sum(cell.n for cell in document.data.cells if cell.parameter == parameter)
-        ticks, counted = people_drawn(drawing)
-        assert ticks + counted == wanted
-        assert counted > 0
+def test_every_subject_and_every_limit_is_drawn_within_the_axis(study, request):
+    results = as_results(request.getfixturevalue(study))
+    (drawing,) = overview_drawings(results, overview(results).rows)
+    for parameter, ax in zip(("k", "b"), drawn_on(drawing).axes, strict=True):
+        left, right = ax.get_xlim()
+        wanted = [
+            value / cell.reference
+            for cell in results.data.cells
+            if cell.parameter == parameter
+            for value in cell.values
+        ]
+        dots = [x for line in ax.lines if line.get_marker() == "." for x in line.get_xdata()]
+        assert sorted(dots) == pytest.approx(sorted(wanted), rel=1e-14)
+        bars = {tuple(line.get_xdata()) for line in ax.lines if line.get_marker() == "None"}
+        shown = {
+            (row.lower / row.reference, row.upper / row.reference)
+            for row in results.intervals
+            if (row.parameter, row.family, row.joint) == (parameter, "lognormal", "marginal")
+            and row.kind != "share"
+        }
+        assert shown <= bars
+        ends = [*dots, *(end for pair in shown for end in pair)]
+        assert left < min(ends) <= max(ends) < right
+
+
+def test_limits_of_a_hundred_decades_reach_the_end_of_the_axis_and_no_farther():
+    bars = [Bar("A", "user", "classical", 1e-50, 1e50, 1.0)]
+    rows = Rows(bars, {"A": np.array([0.5, 2.0])}, "k / reference", relative=True, log=True)
+    ax = axes()
+    draw_intervals(ax, ["A"], rows, kinds={"user": "next user"}, subject="subject")
+    left, right = ax.get_xlim()
+    assert 1e-5 < left < 1e-4 < 1e4 < right < 1e5
+    assert [left, right] in [list(line.get_xdata()) for line in ax.lines]
 
 
 @pytest.mark.parametrize(
-    ("adjusted", "beyond"),
-    [((-5.0, 0.0, 9.0, 10.0), 2), ((10.0,), 0), ((9.0, 1e9), 1), ((), 0)],
-    ids=["no logarithm", "alone", "far", "nobody"],
+    ("verdict", "said"), [("can", "not decided ("), ("cannot", "cannot be rendered")]
 )
-def test_who_is_beyond_the_axis_is_counted(classical, adjusted, beyond):
-    drawn_people = []
-    for values in (adjusted, ()):
-        document = copy.deepcopy(classical)
-        cell = document["data"]["cells"][0]
-        assert (cell["environment"], cell["parameter"]) == ("VE1", "k")
-        cell |= {"values": list(values), "n": len(values)}
-        drawn_people.append(people_drawn(interval_drawings(as_results(document))[0]))
-    (ticks, counted), (others, others_counted) = drawn_people
-    assert (ticks - others, counted - others_counted) == (len(adjusted) - beyond, beyond)
+def test_verdicts_stand_in_the_titles_of_ratios(both, verdict, said):
+    document = copy.deepcopy(both)
+    for row in document["rendering"]:
+        row["verdict"] = verdict
+    for row in document["verdicts"]:
+        row["outcome"] = "too little data"
+    ratios, _ = curve_drawings(as_results(document))
+    titles = [ax.get_title() for ax in drawn_on(ratios).axes]
+    assert [title.partition("\n")[0] for title in titles] == ["VE1", "VE2", "VE4"]
+    assert all(title.partition("\n")[2].startswith(said) for title in titles)
+
+
+def test_ratios_are_the_boundaries_over_the_reference(both):
+    results = as_results(both)
+    ratios, _ = curve_drawings(results)
+    ax = drawn_on(ratios).axes[0]
+    (boundary,) = (
+        one
+        for one in results.boundaries
+        if (one.environment, one.kind, one.method, one.family, one.shape, one.joint)
+        == ("VE1", "user", "classical", "lognormal", "envelope", "marginal")
+    )
+    curves = [line.get_ydata() for line in ax.lines]
+    for limit in (boundary.lower, boundary.upper):
+        assert any(np.array_equal(curve, limit / boundary.reference) for curve in curves)
+
+
+def test_the_axes_of_couplings_hold_the_one_in_use_and_only_decided_walls_are_drawn(both):
+    document = copy.deepcopy(both)
+    document["provenance"]["scene"]["coupling"] = {"stiffness": 9e6, "damping": 2e5}
+    (design,) = [one for one in drawings_of(document) if one.name == "design"]
+    figure = drawn_on(design)
+    found = [row["name"] for row in both["design"]["environments"] if row["outcome"] == "some"]
+    assert [ax.get_title() for ax in figure.axes] == [name or "all together" for name in found]
+    for ax in figure.axes:
+        assert ax.get_xlim()[1] > 9e3
+        assert ax.get_ylim()[1] > 2e5
+    for row in document["design"]["environments"]:
+        row["outcome"] = "none"
+    assert "design" not in {one.name for one in drawings_of(document)}
+
+
+def test_every_reference_lies_within_the_axes_of_what_is_rendered(found, both):
+    ax = drawn_on(found["stability"]).axes[0]
+    names = {text.get_text(): text.xy for text in ax.texts}
+    walls = {wall["environment"]: wall for wall in both["zwidth"]["references"]}
+    assert names.keys() == walls.keys()
+    for name, (x, y) in names.items():
+        assert (x, y) == (walls[name]["stiffness"] / 1e3, walls[name]["damping"])
+        assert ax.get_xlim()[0] < x < ax.get_xlim()[1]
+        assert ax.get_ylim()[0] < y < ax.get_ylim()[1]
+
+
+def test_one_law_is_drawn_through_the_bands(found, both):
+    ax = drawn_on(found["band"]).axes[0]
+    laws = [row for row in both["band"]["laws"] if row["method"] == "bayesian"]
+    best = max(laws, key=lambda law: law["best"])
+    lines = {line.get_label(): line for line in ax.lines if len(line.get_xdata()) == 80}
+    said = {"weber": "Weber’s law", "offset": "Weber’s law with an offset", "power": "a power law"}
+    assert list(lines) == [said[best["model"]]]
+    points = {tuple(point) for line in ax.lines for point in line.get_xydata()}
+    for row in both["band"]["rows"]:
+        if row["family"] == "lognormal":
+            assert (row["impedance"], row["band"]) in points
 
 
 def drawing_of(draw, **given):
@@ -233,32 +282,6 @@ def test_characters_that_a_font_or_xml_does_not_have_break_no_figure(name):
         assert [root.find(f"{SVG}{tag}").text for tag in ("title", "desc")] == [expected, expected]
 
 
-def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
-    ax = axes()
-    bars = [
-        Bar("A", "mean", "classical", 0.55, 2.0, 1.0),
-        Bar("A", "user", "classical", -1.0, 4.0, 1.0),
-        Bar("B", "mean", "bayesian", 0.8, 1.6, 1.1),
-        Bar("C", "mean", "bayesian", 0.8, 1e4, 1.1),
-        Bar("D", "mean", "bayesian", 0.8, 1.6, 1.1),
-    ]
-    axis = BarAxis(relative=True, log=True)
-    kinds = {"mean": "average driver", "user": "next driver"}
-    draw_intervals(ax, ["A", "B", "C", "D"], bars, axis, kinds=kinds)
-    spans = [tuple(line.get_xdata()) for line in ax.get_lines() if len(line.get_xdata()) == 2]
-    assert (0.55, 2.0) in spans
-    assert (0.8, 1.6) in spans
-    left, right = ax.get_xlim()
-    (clipped,) = [span for span in spans if span[1] == 4.0]
-    assert left < clipped[0] < 0.8
-    (far,) = [span for span in spans if span[1] > 4.0]
-    assert far[1] < right < 100.0
-    assert [text.get_text() for text in ax.texts] == ["-1", "10000"]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["A", "B", "C", "D"]
-    assert axis.is_left_by(bars)
-    assert not axis.is_left_by(bars[2:3])
-
-
 @pytest.mark.parametrize(
     ("kinds", "whom"),
     [
@@ -267,20 +290,11 @@ def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
         (("share",), "a share of all users"),
     ],
 )
-def test_the_caption_of_boundaries_says_whom_they_are_for(classical, kinds, whom):
+def test_the_title_of_boundaries_says_whom_they_are_for(classical, kinds, whom):
     document = copy.deepcopy(classical)
     document["boundaries"] = [row for row in document["boundaries"] if row["kind"] in kinds]
-    words = next(one for one in boundary_drawings(as_results(document)) if one.name == "boundaries")
-    assert words.description.startswith(f"What {whom} takes for the reference ")
-
-
-def test_both_methods_are_drawn_in_one_family_and_one_shape(both):
-    (drawing,) = [one for one in boundary_drawings(as_results(both)) if one.name == "boundaries"]
-    figure = Figure()
-    drawing.draw(figure)
-    labels = {text.get_text() for legend in figure.legends for text in legend.get_texts()}
-    assert {"Bayesian, envelope (lognormal)", "classical, envelope (lognormal)"} <= labels
-    assert not [label for label in labels if "corner" in label or "(normal" in label]
+    ratios = curve_drawings(as_results(document))[0]
+    assert ratios.title.startswith(f"What {whom} takes for the reference")
 
 
 def contrast(one, other):

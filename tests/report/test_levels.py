@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from percept.report.contrast import design_words
 from percept.report.figures.levels import level_drawings
 from percept.report.figures.output import drawn
-from percept.report.select import matching
-from percept.results import ContrastRow, LevelValues
+from percept.report.select import distinct, matching
+from percept.results import LevelValues
 from tests.documents import build_document, page_of
 from tests.study.test_anova import modelled
 from tests.study.within import crossed, frame, study
@@ -21,9 +21,9 @@ def results_of(made):
 
 
 def axes_of(drawing):
-    figure = Figure()
+    figure = Figure(layout="constrained")
     drawing.draw(figure)
-    return figure.axes[0]
+    return figure.axes
 
 
 def subjects_of(ax):
@@ -33,104 +33,78 @@ def subjects_of(ax):
     return x, np.asarray(y)
 
 
-def test_a_line_per_subject_and_the_means_of_the_contrasts():
+def intervals_of(ax, axis):
+    """Limits of the intervals that are drawn along an axis."""
+    data = [line.get_xdata() if axis == "x" else line.get_ydata() for line in ax.lines]
+    across = [line.get_ydata() if axis == "x" else line.get_xdata() for line in ax.lines]
+    return [
+        tuple(ends)
+        for ends, place in zip(data, across, strict=True)
+        if len(ends) == 2 and place[0] == place[1] and 0.0 != place[1] != 1.0
+    ]
+
+
+def test_a_line_per_subject_the_means_and_the_differences_of_the_contrasts():
     results = results_of(study(frame(9, levels=("left", "right", "both"))))
     (drawing,) = level_drawings(results)
-    ax = axes_of(drawing)
-    _, y = subjects_of(ax)
+    levels, differences = axes_of(drawing)
+    _, y = subjects_of(levels)
     overall = matching(results.levels, environment=None)
     expected = np.array([row.values for row in overall]).T
     np.testing.assert_array_equal(y.reshape(9, 4)[:, :3], expected)
     assert np.isnan(y.reshape(9, 4)[:, 3]).all()
-    means = [line for line in ax.lines if str(line.get_gid()).startswith("mark-classical-mean")]
-    bars = [list(line.get_ydata()) for line in means if len(line.get_ydata()) == 2]
     rows = [row for row in results.contrast if row.of == "level" and row.kind == "mean"]
-    assert bars == [[row.lower, row.upper] for row in rows]
-    assert [label.get_text() for label in ax.get_xticklabels()] == ["left", "right", "both"]
-    assert drawing.title == "What each subject set at the levels of hand"
+    assert intervals_of(levels, "y") == [(row.lower, row.upper) for row in rows]
+    assert [label.get_text() for label in levels.get_xticklabels()] == ["left", "right", "both"]
+    compared = [
+        row
+        for row in results.contrast
+        if (row.of, row.kind, row.environment) == ("bias", "mean", None)
+    ]
+    assert intervals_of(differences, "x") == [(row.lower, row.upper) for row in compared]
+    names = [label.get_text() for label in differences.get_yticklabels()]
+    assert names == [f"{row.second} : {row.first}" for row in compared]
 
 
-def test_values_beyond_the_axis_are_marked_and_counted():
-    table = frame(12)
-    table.loc[table["subject"] == "S7", "k_adj"] *= 200
-    results = results_of(study(table))
+def test_differences_stand_in_the_unit_of_the_data():
+    table = frame(6).query("environment == 'VE1'")
+    results = results_of(study(table, "normal"))
     (drawing,) = level_drawings(results)
-    ax = axes_of(drawing)
-    assert "8 values lie beyond the axis, at its end." in drawing.description
-    arrows = [line for line in ax.lines if line.get_marker() == "^"]
-    assert len(arrows) >= 2
-    _, y = subjects_of(ax)
-    assert np.nanmax(y) < 100.0 < max(max(row.values) for row in results.levels)
-    assert np.isfinite(y).sum() == 24
+    levels, differences = axes_of(drawing)
+    assert levels.get_ylabel() == "setting − reference (N/m)"
+    assert differences.get_xlabel() == "difference (N/m)"
+    reference = table["k_ref"].iloc[0]
+    (row,) = [row for row in results.contrast if (row.of, row.kind) == ("bias", "mean")]
+    ends = (reference * row.lower, reference * row.upper)
+    assert intervals_of(differences, "x") == [pytest.approx(ends)]
 
 
-@pytest.mark.parametrize("family", ["lognormal", "normal"])
-def test_each_environment_has_a_panel_with_the_limits_of_its_cells(family):
-    results = results_of(study(frame(3), family))
-    (drawing,) = level_drawings(results)
-    figure = Figure()
-    drawing.draw(figure)
-    assert [ax.get_title("left") for ax in figure.axes] == ["Stiffness k", "VE1", "VE2", "VE3"]
-    for ax in figure.axes[1:]:
-        _, y = subjects_of(ax)
-        # Two levels and a gap for each of three subjects.
-        values = y.reshape(3, 3)[:, :2]
-        means = [line for line in ax.lines if str(line.get_gid()).startswith("mark-classical-mean")]
-        bars = [list(line.get_ydata()) for line in means if len(line.get_ydata()) == 2]
-        points = [line.get_ydata()[0] for line in means if len(line.get_ydata()) == 1]
-        for place, level in enumerate(("left", "right")):
-            cell = f"{ax.get_title('left')} ({level})"
-            of_cell = matching(results.intervals, environment=cell, family=family)
-            (row,) = matching(of_cell, kind="mean", joint="marginal")
-            ends = np.array([row.lower, row.upper]) / row.reference
-            centre = values[:, place].mean()
-            if family == "lognormal":
-                centre = np.exp(np.log(values[:, place]).mean())
-            else:
-                ends -= 1.0
-            np.testing.assert_allclose(bars[place], ends, rtol=1e-12)
-            assert points[place] == pytest.approx(centre, rel=1e-9)
-    said = "Means are over all references in the first panel; every other panel is of one"
-    assert f" {said} environment. " in drawing.description
-
-
-def test_groups_stand_side_by_side_as_points_and_a_mixed_design_has_both():
+def test_groups_stand_side_by_side_and_colour_the_lines_of_the_others():
     results = results_of(modelled(crossed(), "hand * load + group"))
     drawings = level_drawings(results)
     assert [drawing.name for drawing in drawings] == ["levels_k_1", "levels_k_2", "levels_k_3"]
-    assert "panel" not in drawings[0].description
-    ax = axes_of(drawings[2])
-    x, y = subjects_of(ax)
+    of_group = axes_of(drawings[2])[0]
+    x, y = subjects_of(of_group)
     assert np.isfinite(y).sum() == 8
     assert len(np.unique(np.round(x[np.isfinite(y)]))) == 2
-    assert "A line joins" in drawings[0].description
-    assert "In groups, a point is the mean of one subject." in drawings[0].description
-
-
-def test_a_subject_without_a_level_is_told():
-    table = frame(6)
-    gone = (table["subject"] == "S2") & (table["hand"] == "right")
-    (drawing,) = level_drawings(results_of(study(table[~gone])))
-    assert drawing.description.endswith(
-        "1 subject has no value at some level, for want of a trial there."
-    )
+    groups = distinct(matching(results.levels, within=False), "level")
+    lines = {line.get_label(): line for line in axes_of(drawings[0])[0].lines}
+    assert len({lines[name].get_color() for name in groups}) == len(groups) == 2
+    assert f"Colours: {' and '.join(groups)}." in drawings[0].description
 
 
 def test_both_methods_stand_beside_each_other():
     results = results_of(study(frame()))
     levels = [row for row in results.contrast if row.of == "level" and row.kind == "mean"]
     bayesian = [dataclasses.replace(row, method="bayesian") for row in levels]
-    assert all(isinstance(row, ContrastRow) for row in bayesian)
     both = dataclasses.replace(results, contrast=(*results.contrast, *bayesian))
     (drawing,) = level_drawings(both)
-    ax = axes_of(drawing)
-    places = {}
-    for line in ax.lines:
-        method = str(line.get_gid()).split("-")[1:2]
-        if method and len(line.get_xdata()) == 2:
-            places.setdefault(method[0], []).append(round(line.get_xdata()[0], 9))
-    assert places == {"classical": [0.2, 1.2], "bayesian": [0.3, 1.3]}
-    assert "classical and Bayesian interval" in drawing.description
+    places = sorted(
+        round(float(line.get_xdata()[0]), 9)
+        for line in axes_of(drawing)[0].lines
+        if len(line.get_xdata()) == 2 and line.get_xdata()[0] == line.get_xdata()[1] > 0
+    )
+    assert places == [0.2, 0.3, 1.2, 1.3]
 
 
 def test_it_is_the_first_figure_of_the_page():
@@ -141,9 +115,8 @@ def test_it_is_the_first_figure_of_the_page():
         _, svg = drawn(drawing, ())
         plots[drawing.name] = dataclasses.replace(drawing, svg=svg)
     page = page_of(build_document(made, curves=False), plots)
-    assert page.index('id="figure-levels_k_1"') < page.index("Table 1")
-    assert "Figure 1. </strong>" not in page
-    assert "<strong>Figure 1. What each subject set at the levels of hand.</strong>" in page
+    assert page.count("<strong>Figure 1. Stiffness k at the levels of hand") == 1
+    assert page.index('id="figure-levels_k_1"') < page.index('id="bias"')
 
 
 def test_groups_count_subjects_who_lack_references():

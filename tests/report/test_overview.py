@@ -8,15 +8,14 @@ import pytest
 
 from percept.boundary.feels_real import judge
 from percept.report.cautions import cautions, misfits
-from percept.report.feelings import feeling_sentences
+from percept.report.decisions import doubtful_verdicts, feeling_sentences
 from percept.report.numbers import digits_of
-from percept.report.overview import findings, overview
+from percept.report.overview import findings, overview, setting_sentences
 from percept.report.select import Words, first, matching, title_of, words_of
 from percept.results import (
     Checks,
     Confidences,
     IntervalRow,
-    Ladder,
     LadderEffect,
     Leaning,
     LeftOut,
@@ -93,21 +92,21 @@ SOFT, HARD, NONE = ("A", 12, 15, 18, 5, 40), ("B", 8, 8.7, 9.5, 6, 12), ("C", 9,
 
 
 def test_biases_are_said_where_the_interval_leaves_the_reference_out():
-    said = overview(results([SOFT, HARD, NONE])).sentences
+    said = setting_sentences(results([SOFT, HARD, NONE]))
     assert said[0] == (
         "Stiffness is too high in A (+50 %, +20 to +80 %), and too low in B (−13 %, −20 to −5 %)"
         " (classical, 99 %)."
     )
     assert (
-        overview(results([NONE, ("D", 9, 10, 11, 8, 12)])).sentences[0]
+        setting_sentences(results([NONE, ("D", 9, 10, 11, 8, 12)]))[0]
         == "Stiffness shows no clear bias in either of 2 environments (classical, 99 %); the "
         "largest is"
         " that of C (+1 %, −10 to +10 %)."
     )
-    assert overview(results([SOFT])).sentences[0] == (
+    assert setting_sentences(results([SOFT]))[0] == (
         "Stiffness in A: +50 % (classical, 99 %: +20 to +80 %)."
     )
-    twice = overview(results([SOFT, ("D", 1100, 2530, 4000, 5, 6)])).sentences[0]
+    twice = setting_sentences(results([SOFT, ("D", 1100, 2530, 4000, 5, 6)]))[0]
     assert "and D (253 times, 110 to 400 times)" in twice
 
 
@@ -118,7 +117,7 @@ def test_a_classical_interval_of_another_sign_is_said():
     def said(lower):
         bayesian = (dataclasses.replace(mean, lower=lower, upper=13.7), user)
         both = dataclasses.replace(made, intervals=made.intervals + bayesian)
-        text = overview(both).sentences[0]
+        text = setting_sentences(both)[0]
         assert text[text.find(" The classical") :] in findings(both).paragraph
         return text
 
@@ -133,7 +132,7 @@ def test_a_classical_interval_of_another_sign_is_said():
 
 def test_more_than_five_names_are_counted():
     rows = [(f"E{index}", 12, 15, 18, 5, 40) for index in range(6)] + [NONE]
-    (said, *_) = overview(results(rows)).sentences
+    (said, *_) = setting_sentences(results(rows))
     assert said == (
         "Stiffness is too high in 6 of 7 environments: E0, E1, E2, E3, E4, E5, from E0 (+50 %, +20"
         " to +80 %) to E5 (+50 %, +20 to +80 %) (classical, 99 %)."
@@ -141,68 +140,82 @@ def test_more_than_five_names_are_counted():
     many = [(f"E{index}", 12, 15, 18, 5, 40) for index in range(11)] + [NONE]
     assert (
         "11 of 12 environments: E0, E1, E2, E3, E4, E5, E6, E7, E8, E9, …, from"
-        in (overview(results(many)).sentences[0])
+        in (setting_sentences(results(many))[0])
     )
-    wider = overview(results([*rows[:5], ("E5", 12, 16, 18, 5, 40)])).sentences[0]
+    wider = setting_sentences(results([*rows[:5], ("E5", 12, 16, 18, 5, 40)]))[0]
     assert "too high in all 6 environments, from E0 (+50 %" in wider
     assert "to E5 (+60 %" in wider
 
 
+WORDS = Words("wall", "walls", "user", "users", "user", "users")
+
+
 def feeling(*verdicts):
-    """Return the sentence on what feels real."""
-    (_, said, *_) = overview(results([SOFT], verdicts=verdicts)).sentences
-    return said
+    """Return what is said of verdicts on what can be rendered."""
+    return " ".join(feeling_sentences(verdicts, (), WORDS))
 
 
-METHOD = "Judged against the central 99 % of users: Bayesian probability, decision at 95 %."
-
-
-def test_what_feels_real_is_said_through_the_coupling_with_probability_method_and_level():
+def test_what_feels_real_is_said_through_the_coupling_with_probability():
     direct = felt("A", 0.2, coupled=False)
     verdicts = (direct, felt("A", 0.986), felt("B", 0.0), felt("C", 0.02), felt("D", 0.6))
     assert feeling(*verdicts) == (
-        "Through the coupling, A feels real (99 %); B and C do not feel real (< 1 % and 2 %);"
-        f" there is too little data on D (60 %). {METHOD}"
+        "A feels real (99 %); B and C do not feel real (< 1 % and 2 %); for D the data do not"
+        " decide (60 %)."
     )
-    assert feeling(direct) == (
-        f"Displayed directly, there is too little data on A (20 %). {METHOD}"
-    )
+    assert feeling(direct) == "For A the data do not decide (20 %)."
     many = [felt(f"E{index}", 1.0 - 0.004 * index) for index in range(7)]
-    assert feeling(*many).startswith("Through the coupling, all 7 environments feel real (98 % to")
+    assert feeling(*many).startswith("all 7 walls feel real (98 % to")
 
 
 def test_rounding_puts_no_probability_on_the_other_side_of_the_decision():
-    assert "too little data on A (94.9 %)" in feeling(felt("A", 0.949))
-    assert "too little data on A (99 %)" in feeling(felt("A", 0.99, decision=0.999))
+    assert "for A the data do not decide (94.9 %)" in feeling(felt("A", 0.949)).lower().replace(
+        "for a", "for A"
+    )
+    assert "the data do not decide (99 %)" in feeling(felt("A", 0.99, decision=0.999))
 
 
 def test_an_error_that_reaches_over_a_threshold_is_said():
-    said = feeling(felt("A", 0.952, straddles=True))
-    assert said.endswith(
-        "The Monte Carlo error of A (95.2 ± 0.4 %) still reaches over a threshold after 4096 draws."
-    )
+    assert doubtful_verdicts([felt("A", 0.952, straddles=True)], WORDS) == [
+        "The Monte Carlo error of A through the coupling (95.2 ± 0.4 %) still reaches over a"
+        " threshold after 4096 draws."
+    ]
 
 
 def test_a_verdict_that_leans_on_a_doubtful_row_is_said_with_the_verdict_without_it():
     row = Note("k = 6400 of subject 'S9', where …", "w.csv", 27)
     leaning = Leaning(rows=(row,), without=felt("A", 0.98))
-    assert feeling(dataclasses.replace(felt("A", 0.6), leaning=leaning)).endswith(
-        " The verdict on A leans on row 27 of w.csv: k = 6400 of subject 'S9', where …."
+    (said,) = doubtful_verdicts([dataclasses.replace(felt("A", 0.6), leaning=leaning)], WORDS)
+    assert said == (
+        "The verdict on A leans on row 27 of w.csv: k = 6400 of subject 'S9', where …."
         " Without that row A feels real (98 %)."
     )
     unnamed = dataclasses.replace(row, file="", row=None)
     leaning = Leaning(rows=(unnamed,) * 2, without=None)
-    assert feeling(dataclasses.replace(felt("A", 0.6), leaning=leaning)).endswith(
+    (said,) = doubtful_verdicts([dataclasses.replace(felt("A", 0.6), leaning=leaning)], WORDS)
+    assert said.endswith(
         "and a trial: k = 6400 of subject 'S9', where …. Without those rows there is no verdict."
     )
 
 
-def test_another_verdict_of_the_classical_method_is_said():
+def test_both_methods_are_named_where_they_disagree():
     said = feeling(felt("A", 0.97, 0.9), felt("B", 0.99, 0.99))
     assert said.endswith(
-        "The classical method says otherwise: there is too little data on A (90 %)."
+        "That is the Bayesian answer; by the classical one for A the data do not decide (90 %)."
     )
-    assert "otherwise" not in feeling(felt("B", 0.99, 0.99))
+    assert "classical" not in feeling(felt("B", 0.99, 0.99))
+    made = results([SOFT], verdicts=[felt("A", 0.97, 0.9)])
+    assert "by the classical one for A the data do not decide" in findings(made).paragraph
+
+
+def test_what_cannot_be_rendered_is_never_said_to_feel_real():
+    rows = [
+        rendered(name, verdict, coupled=True) for name, verdict in (("A", "can"), ("B", "cannot"))
+    ]
+    verdicts = [felt("A", 0.98), felt("B", 0.99)]
+    assert feeling_sentences(verdicts, rows, WORDS) == [
+        "Through this coupling, only A can be rendered with every hand.",
+        "A feels real (98 %).",
+    ]
 
 
 def climbed(environment, kind="user", **steps):
@@ -224,39 +237,57 @@ def test_the_cause_of_another_verdict_is_said_where_the_ladder_knows_it():
         *climbed("D", prior=(0.9, 0.0)),
     ]
     verdicts = [felt(name, 0.97, 0.9) for name in "ABC"] + [felt("D", 0.99, 0.99)]
-    made = results([SOFT], verdicts=verdicts)
-    said = overview(dataclasses.replace(made, ladder=Ladder(tuple(effects), ()))).sentences[1]
+    said = " ".join(feeling_sentences(verdicts, (), WORDS, effects))
     assert said.endswith(
-        "there is too little data on A, B and C (90 %). The main cause in A is trial"
+        "for A, B and C the data do not decide (90 %). The main cause in A is trial"
         " noise, which the model tells from differences between people. The main cause in B is"
-        " what the model learns from the other environments."
+        " what the model learns from the other walls."
     )
-    assert "main cause" not in overview(made).sentences[1]
-    alike = dataclasses.replace(made, verdicts=verdicts[3:], ladder=Ladder(tuple(effects), ()))
-    assert "main cause" not in overview(alike).sentences[1]
+    assert "main cause" not in feeling(*verdicts)
+    assert "main cause" not in " ".join(feeling_sentences(verdicts[3:], (), WORDS, effects))
 
 
-def test_what_can_be_rendered_in_time_is_said():
-    verdicts = (("A", "can"), ("B", "cannot"), ("C", "undecided"))
-    directly = tuple(rendered(*one) for one in verdicts)
-    same = tuple(rendered(*one, coupled=True) for one in verdicts)
-    wall = (rendered(None, "cannot", coupled=True),)
-    made = results([SOFT])
-    said = overview(dataclasses.replace(made, rendering=directly + same + wall)).sentences[1]
-    assert said == (
-        "Directly and through the coupling alike, A can be rendered with every passive hand; with"
-        " B some hands make the motion grow; for C the device’s table does not tell."
+@pytest.mark.parametrize(
+    ("verdicts", "said"),
+    [
+        (("can", "can"), "Displayed directly, all 2 walls can be rendered with every hand."),
+        (("can", "cannot"), "Displayed directly, only A can be rendered with every hand."),
+        (
+            ("cannot", "cannot"),
+            "Displayed directly, none of 2 walls can be rendered with every hand.",
+        ),
+        (("cannot",), "Displayed directly, A cannot be rendered with every hand."),
+        (
+            ("can", "undecided"),
+            "Displayed directly, only A can be rendered with every hand; for B the device’s table"
+            " does not tell.",
+        ),
+        (
+            ("undecided",),
+            "Displayed directly, the device’s table does not tell what can be rendered.",
+        ),
+    ],
+)
+def test_what_can_be_rendered_in_time_is_said(verdicts, said):
+    rows = [rendered(name, verdict) for name, verdict in zip("AB", verdicts, strict=False)]
+    assert feeling_sentences((), rows, WORDS) == [said]
+
+
+def test_what_the_device_lacks_is_said_with_the_damping_that_is_needed():
+    scene = {"inference": {"family": "lognormal"}, "device": {"damping": 0.5, "mass": 1.0}}
+    made = dataclasses.replace(
+        results([SOFT]),
+        rendering=(rendered("A", "cannot"), rendered("B", "can")),
+        provenance=dataclasses.replace(EMPTY.provenance, scene=scene),
     )
-    better = tuple(rendered(name, "can", coupled=True) for name in "ABC")
-    said = overview(dataclasses.replace(made, rendering=directly + better + wall)).sentences[1]
-    assert said.endswith(
-        " Through the coupling, all 3 environments can be rendered with every passive hand."
+    assert overview(made).sentences == (
+        "Displayed directly, only B can be rendered with every hand.",
+        "Displayed directly A needs 1 N·s/m of damping; the device has 0.5.",
     )
-    assert "stable" not in said
 
 
 def test_without_a_device_the_next_user_s_range_is_said():
-    said = overview(results([SOFT, HARD])).sentences
+    said = setting_sentences(results([SOFT, HARD]))
     assert (
         said[-1]
         == "With 99 % confidence, the next user’s stiffness will be 0.6 to 1.2 times the reference"
@@ -265,16 +296,18 @@ def test_without_a_device_the_next_user_s_range_is_said():
 
 
 def test_the_bias_from_a_reference_of_zero_is_in_units():
-    found = overview(results([SOFT], references=(0.0,)))
-    (row,) = found.rows
+    made = results([SOFT], references=(0.0,))
+    (row,) = overview(made).rows
     assert row.user_upper_ratio is None
     assert row.estimate == row.bias == 15
     assert (row.bias_lower, row.bias_upper) == (12, 18)
-    assert found.sentences[0] == "Stiffness in A: +15 N/m (classical, 99 %: +12 to +18 N/m)."
+    assert (
+        setting_sentences(made)[0] == "Stiffness in A: +15 N/m (classical, 99 %: +12 to +18 N/m)."
+    )
 
 
 def test_narrow_ranges_of_the_next_user_are_told_apart():
-    said = overview(results([("A", 9.98, 10, 10.02, 9.912, 10.034)])).sentences[-1]
+    said = setting_sentences(results([("A", 9.98, 10, 10.02, 9.912, 10.034)]))[-1]
     assert said.endswith("the next user’s stiffness will be 0.9912 to 1.003 times the reference.")
 
 
@@ -284,14 +317,15 @@ def test_narrow_ranges_of_the_next_user_are_told_apart():
         (-6.0, (-8, -7.19, -6.5, -9, -5), "−1.19 N/m", "3 N/m below and 1 N/m above"),
         (-6.0, (-5.5, -5, -4, -7, -1), "+1 N/m", "1 N/m below and 5 N/m above"),
         (-6.0, (-8, -7.19, -6.5, -9, -6.5), "−1.19 N/m", "0.5 to 3 N/m below"),
-        (0.0, (1, 2, 3, 0.5, 4), "+2 N/m", "0.5 to 4 N/m above"),
+        (0.0, (1, 2, 3, 0.5, 4), "+2 N/m", "0.5 to 4 N/m"),
     ],
 )
 def test_zero_and_negative_references_are_compared_by_differences(reference, ends, said, user):
-    found = overview(results([("A", *ends)], references=(reference,)))
-    assert found.sentences[0].startswith(f"Stiffness in A: {said} (classical, 99 %: ")
-    assert f"{user} the reference" in found.sentences[1]
-    (row,) = found.rows
+    made = results([("A", *ends)], references=(reference,))
+    bias, next_user = setting_sentences(made)
+    assert bias.startswith(f"Stiffness in A: {said} (classical, 99 %: ")
+    assert next_user.endswith(f"{user} the reference." if reference else f"will be {user}.")
+    (row,) = overview(made).rows
     assert row.relative is False
     assert row.bias == pytest.approx(ends[1] - reference)
     assert row.bias_lower < row.bias < row.bias_upper
@@ -299,9 +333,9 @@ def test_zero_and_negative_references_are_compared_by_differences(reference, end
 
 
 def test_one_zero_reference_puts_the_whole_quantity_in_its_unit():
-    found = overview(results([SOFT, ("D", 9, 11, 13, 5, 20)], references=(10.0, 0.0)))
-    assert [row.relative for row in found.rows] == [False, False]
-    assert found.sentences[0] == (
+    made = results([SOFT, ("D", 9, 11, 13, 5, 20)], references=(10.0, 0.0))
+    assert [row.relative for row in overview(made).rows] == [False, False]
+    assert setting_sentences(made)[0] == (
         "Stiffness is too high in A (+5 N/m, +2 to +8 N/m) and D (+11 N/m, +9 to +13 N/m)"
         " (classical, 99 %)."
     )
@@ -363,27 +397,26 @@ def test_an_undecided_verdict_says_how_many_more_subjects_decide(counts, said):
         more = MoreSubjects(subjects=count, assurance=0.8, most=1000)
         undecided = felt(f"W{index}", 0.5, 0.5)
         verdicts.append(dataclasses.replace(undecided, more=more))
-    words = Words("wall", "walls", "user", "users", "user", "users")
-    assert said in " ".join(feeling_sentences(verdicts, words))
+    assert said in feeling(*verdicts)
 
 
 def test_intervals_too_wide_to_read_are_not_written_out():
-    useless = overview(results([("A", 1e-6, 12.0, 1e12, 1e-9, 1e15)])).sentences[0]
+    useless = setting_sentences(results([("A", 1e-6, 12.0, 1e12, 1e-9, 1e15)]))[0]
     assert useless == ("Stiffness: these subjects are too few to say anything (classical, 99 %).")
-    readable = overview(results([("A", 1.0, 12.0, 900.0, 0.5, 1e3)])).sentences[0]
+    readable = setting_sentences(results([("A", 1.0, 12.0, 900.0, 0.5, 1e3)]))[0]
     assert readable.startswith("Stiffness in A: +20 %")
 
 
 def test_what_the_data_do_not_determine_is_said_without_its_numbers():
     wide = ("wide", 1e-3, 12.0, 1e5, 1e-6, 1e8)
-    said = overview(results([SOFT, HARD, wide])).sentences[-1]
+    said = setting_sentences(results([SOFT, HARD, wide]))[-1]
     assert said.endswith(
         " to 4 times the reference (A, the widest). These data do not determine the next user’s"
         " stiffness in wide."
     )
-    of_two = overview(results([SOFT, wide])).sentences[-1]
+    of_two = setting_sentences(results([SOFT, wide]))[-1]
     assert "will be 0.5 to 4 times the reference in A. These data do not" in of_two
-    alone = overview(results([wide])).sentences[-1]
+    alone = setting_sentences(results([wide]))[-1]
     assert alone == "These data do not determine the next user’s stiffness in wide."
     made = results([SOFT, wide])
     paragraph = findings(made).paragraph
@@ -406,8 +439,9 @@ def test_each_of_three_quantities_has_its_sentences_and_its_name_in_the_title():
     quantities = {**IMPEDANCE, "mass": mass}
     data = dataclasses.replace(one.data, quantities=quantities)
     three = dataclasses.replace(one, intervals=tuple(intervals), data=data)
-    said = overview(three).sentences
+    said = setting_sentences(three)
     assert len(said) == 6
+    assert len(overview(three).sentences) == 3
     for label in ("stiffness", "damping", "mass"):
         assert any(sentence.startswith(f"{label.capitalize()} is ") for sentence in said)
         assert any(f"next user’s {label} will" in sentence for sentence in said)
@@ -421,12 +455,12 @@ def test_where_nothing_was_matched_sentences_give_means():
         for name, quantity in found.data.quantities.items()
     }
     data = dataclasses.replace(found.data, quantities=quantities)
-    said = overview(dataclasses.replace(found, data=data)).sentences
-    assert said == (
+    said = setting_sentences(dataclasses.replace(found, data=data))
+    assert said == [
         "The mean stiffness is 2 N/m in A (1 to 3) and 6 N/m in B (5 to 7) (classical, 99 %).",
         "With 99 % confidence, the next user’s stiffness will be 4 to 8 N/m (B, the narrowest)"
         " and −0.5 to 4 N/m (A, the widest).",
-    )
+    ]
 
 
 @pytest.mark.parametrize("family", ["normal", "lognormal"])

@@ -8,12 +8,12 @@ import xml.etree.ElementTree as ET
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.report.basis import methods
-from percept.report.overview import findings
-from percept.report.page import render_page
+from percept.report.document import build_sections
+from percept.report.methods import methods_paragraph, model_words
+from percept.report.overview import findings, setting_sentences
 from percept.report.paste import paste_tables
 from tests import DATASETS
-from tests.documents import EMPTY, as_results
+from tests.documents import EMPTY, as_results, page_of_results
 
 HOSTILE = r"\input{/etc/passwd} & 50% <b>_$#~^[x]"
 
@@ -23,11 +23,12 @@ LATIN = set("–’“”…ê")
 
 
 def page_of(results):
-    return render_page(results, findings(results), {}, date="", files={"overview.csv"})
+    return page_of_results(results, files={"overview.csv"})
 
 
 def tables(results):
-    return paste_tables(page_of(results), simulated=results.data.simulated)
+    sections = build_sections(results, findings(results))
+    return paste_tables(sections, simulated=results.data.simulated)
 
 
 def rows_of(text):
@@ -46,6 +47,7 @@ def plain(text):
         "$-$": "−", r"\,": "\u202f", r"\%": "%", r"$\cdot$": "·", r"$\times$": "×", "$|$": "|",
         r"$\sigma$": "σ", r"$\gamma$": "γ", r"$\eta$": "η", "$^2$": "²", r"$\varepsilon$": "ε",
         r"$\pm$": "±", r"$\omega$": "ω", "$<$": "<", "$>$": ">", "$^{-}$": "⁻", r"\_": "_",
+        r"$\dagger$": "†",
     }  # fmt: skip
     for tex, sign in escapes.items():
         text = text.replace(tex, sign)
@@ -55,16 +57,13 @@ def plain(text):
 
 
 def word_rows(page):
-    """The cells of a page of one table, by ElementTree: spans as they are written."""
+    """The cells of a page of one table, by ElementTree."""
     body = page.partition("</p>")[2].partition("</body>")[0].replace("<table border", "<table")
     rows = []
     for row in ET.fromstring(body).iter("tr"):
         cells = []
         for cell in row:
-            for sub in cell.iter("sub"):
-                sub.text = f"_{sub.text}"
-            text = re.sub("[ \n]+", " ", "".join(cell.itertext())).strip()
-            cells += [text] + [""] * (int(cell.get("colspan", 1)) - 1)
+            cells.append("".join(cell.itertext()))
         rows.append(cells)
     return rows
 
@@ -80,10 +79,7 @@ def test_every_table_is_told_as_on_the_page(both):
         text = files[f"{name}.tex"]
         rows = rows_of(text)
         word = word_rows(files[f"{name}.html"])
-        # A cell that reaches into rows below is empty there.
-        assert [[cell for cell in row if cell] for row in rows] == [
-            [cell for cell in row if cell] for row in word
-        ]
+        assert rows == word
         for cell in {cell for row in rows for cell in row}:
             assert cell.replace("_", "") in page.replace("_", ""), (name, cell)
         columns = text.partition(r"\begin{tabular}{")[2].partition("}")[0]
@@ -118,13 +114,13 @@ def test_names_become_no_commands(both):
 
 
 def test_a_study_without_intervals_has_no_tables_and_no_paragraph():
-    assert paste_tables("<p>Nothing is measured.</p>", simulated=False) == {}
+    assert paste_tables([], simulated=False) == {}
     assert findings(EMPTY).paragraph == ""
 
 
 def test_the_paragraph_has_the_numbers_of_the_first_screen(both):
     said = findings(as_results(both))
-    sentences = " ".join(said.overview.sentences)
+    sentences = " ".join(setting_sentences(as_results(both)))
     intervals = re.findall(r"99 % credible interval ([^)]+)\)", said.paragraph)
     assert intervals
     for interval in intervals:
@@ -160,14 +156,18 @@ def offsets():
 
 
 def test_methods_of_zero_references_speak_of_no_logarithm(offsets):
-    view = methods(offsets).view
-    assert view.model.startswith("a common bias with a deviation for each illusion, ")
-    assert view.classical_families == ["normal"]
-    page = render_page(offsets, findings(offsets), {}, date="")
-    paragraph = page.partition('<blockquote id="paragraph"')[2].partition("</blockquote>")[0]
-    assert "logarithm" not in paragraph.replace("lognormal", "")
+    assert model_words(offsets).startswith("a common bias with a deviation for each illusion, ")
+    paragraph = " ".join(methods_paragraph(offsets))
+    assert "logarithm" not in paragraph
     assert "lognormal" not in paragraph
     assert (
         "Of the priors, the SD of the common bias alpha (response scale) was 2; all others are"
         " percept’s defaults."
     ) in paragraph
+
+
+def test_what_is_above_zero_is_not_called_too_high(offsets):
+    said = findings(offsets)
+    assert said.overview.sentences[0].startswith("Offset is above zero in ")
+    assert " deg above zero in " in said.paragraph
+    assert "too high" not in said.paragraph

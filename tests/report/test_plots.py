@@ -43,7 +43,7 @@ def test_intervals_are_drawn_over_their_references(both_study, ax):
     assert [label.get_text() for label in ax.get_yticklabels()] == list(
         both_study.data.environments
     )
-    assert ax.get_xlabel() == "adjusted stiffness k / reference"
+    assert ax.get_xlabel() == "stiffness k / reference"
 
 
 def test_without_axes_a_new_figure_is_shown(bare):
@@ -73,8 +73,8 @@ def test_a_boundary_is_drawn_as_it_is_computed(both_study, ax):
     np.testing.assert_array_equal(
         drawn["classical, envelope (lognormal)"], np.c_[one.omega, one.lower]
     )
-    np.testing.assert_array_equal(drawn["reference, |Zₕ|"], np.c_[one.omega, one.reference])
-    assert ax.get_title() == "VE4, kind user"
+    np.testing.assert_array_equal(drawn["reference"], np.c_[one.omega, one.reference])
+    assert ax.get_title() == "|Zₕ| of VE4 (N·s/m), kind user"
 
 
 def test_the_band_is_drawn_at_its_impedances(both_study, ax):
@@ -148,18 +148,21 @@ def test_zero_and_negative_references_are_drawn_as_differences(ax):
     rows = study.intervals.query("kind == 'mean' and family == 'normal' and joint == 'marginal'")
     ends = {(row.lower + 50.0, row.upper + 50.0) for row in rows.itertuples()}
     assert len(ends & bars(ax)) >= 3
-    assert ax.get_xlabel() == "adjusted stiffness k − reference (N/m)"
+    assert ax.get_xlabel() == "stiffness k − reference (N/m)"
     assert ax.get_xscale() == "linear"
     assert [0.0, 0.0] in [list(line.get_xdata()) for line in ax.lines]
 
 
-def test_quantities_of_two_scales_are_drawn_one_at_a_time(ax):
-    table = read_sessions(DATASETS / "hbfd_sessions.csv").table.drop(columns="source")
-    study = Study(
-        Sessions.from_frame(table.assign(b_ref=0.0)), Scene(inference={"method": "classical"})
-    )
-    with pytest.raises(UsageError, match="drawn one at a time"):
-        study.plot_intervals(ax=ax)
+def test_a_legend_is_drawn_on_new_figures_alone(bare, ax):
+    bare.plot_intervals("k", ax=ax)
+    assert ax.get_legend() is None
+    assert ax.get_title() == "Stiffness k"
+    new = bare.plot_intervals("k")
+    try:
+        labels = [text.get_text() for text in new.get_legend().get_texts()]
+        assert {"one subject", "classical", "average user"} <= set(labels)
+    finally:
+        plt.close(new.figure)
 
 
 @pytest.mark.parametrize("style", ["default", "dark_background"])

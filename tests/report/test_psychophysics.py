@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import json
 
 import pytest
 
 from percept import Scene, Study
-from percept.report.overview import findings
-from percept.report.page import render_page
-from percept.report.psychophysics import psychophysics
+from percept.report.bias import bias
+from percept.report.sections import Value
 from percept.report.tables import csv_tables
 from percept.results import Results
 from percept.sessions import Sessions
+from tests.documents import page_of_results, parts_of
 from tests.study.test_psychophysics import repeated
 
 
@@ -31,28 +30,34 @@ def judged():
     return results_of(3, jnd={"k": 0.5})
 
 
-def page_of(results):
-    return render_page(results, findings(results), {}, date="2026-01-01")
+def section_of(results):
+    return parts_of([bias(results)])["psychophysics"]
 
 
 def test_each_row_of_the_study_stands_in_one_cell(judged):
-    groups = psychophysics(judged).view.groups
-    cells = [cell for group in groups for line in group.lines for cell in line.cells if cell]
-    assert len(cells) == len(judged.psychophysics)
-    assert {id(cell) for cell in cells} == {id(row) for row in judged.psychophysics}
-    by_head = {group.head: group for group in groups}
-    jnd = by_head["JND (SD of adjustment) of stiffness k, N/m"]
-    assert [line.label for line in jnd.lines] == ["weich", "hart"]
-    assert [line.label for line in by_head["σ e of stiffness k"].lines] == ["weich", "hart", "all"]
+    shown = [
+        part.record
+        for table in section_of(judged).tables
+        for row in table.rows
+        for cell in row
+        for part in cell
+        if isinstance(part, Value) and part.steps == ("estimate",)
+    ]
+    expected = [row for row in judged.psychophysics if row.measure != "pse"]
+    assert len(shown) == len(expected)
+    assert {id(row) for row in shown} == {id(row) for row in expected}
+    jnd = section_of(judged).tables[0]
+    assert jnd.caption == "JND (SD of a subject’s adjustments), by environment, with 90 % limits."
+    assert jnd.heads[:2] == ["Environment", "k (N/m), classical"]
+    assert [row[0] for row in jnd.rows] == [("weich",), ("hart",)]
 
 
 def test_the_page_speaks_of_what_there_is(judged):
-    page = page_of(judged)
-    assert "A JND is made of the SD of a subject’s own adjustments" in page
+    page = page_of_results(judged)
+    assert "JND (SD of a subject’s adjustments)" in page
     assert "Within one JND?" in page
-    without = page_of(results_of(1))
-    assert "A JND is made of" not in without
-    assert "Within one JND?" not in without
+    without = page_of_results(results_of(1))
+    assert "JND" not in without
 
 
 def test_csv_and_json_hold_every_digit(judged):
@@ -65,16 +70,3 @@ def test_csv_and_json_hold_every_digit(judged):
     again = Results.from_plain(json.loads(judged.to_json()))
     assert again.psychophysics == judged.psychophysics
     assert again.equivalence == judged.equivalence
-
-
-def test_means_have_no_points_of_equality(judged):
-    quantities = {
-        name: quantity.model_copy(update={"reference": "none"})
-        for name, quantity in judged.data.quantities.items()
-    }
-    data = dataclasses.replace(judged.data, quantities=quantities)
-    heads = [
-        group.head for group in psychophysics(dataclasses.replace(judged, data=data)).view.groups
-    ]
-    assert any(head.startswith("JND") for head in heads)
-    assert not any("PSE" in head or "onstant error" in head for head in heads)

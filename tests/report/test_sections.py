@@ -10,32 +10,25 @@ import pytest
 from matplotlib.figure import Figure
 
 from percept import Scene
-from percept.report.basis import bibtex, checks, cited, methods
-from percept.report.feelings import coupling_sentences
+from percept.report.decisions import coupling_sentences
 from percept.report.figures import drawings
+from percept.report.methods import bibtex, cited, model_words
 from percept.report.overview import findings
+from percept.report.select import words_of
 from percept.results import IntervalRow, Prior
 from percept.sessions.quantities import IMPEDANCE
-from tests.documents import EMPTY, as_results, build_document, page_of, sections_of
+from tests.documents import EMPTY, as_results, build_document, page_of, parts_of, sections_of
 from tests.study.checked import study_of, table_of
-
-
-def section(document, name):
-    return next(found for found in sections_of(document) if found.name == name).view
-
-
-@pytest.fixture(params=["lognormal", "normal"])
-def document(classical, request):
-    """The document holds both families; the scene's is the one on the page."""
-    changed = copy.deepcopy(classical)
-    changed["provenance"]["scene"]["inference"]["family"] = request.param
-    return changed
-
 
 END = {
     "stiffness": 9e3, "damping": 2.0, "probability": 0.97, "error": 0.01, "draws": 512,
     "bound": "plane",
 }  # fmt: skip
+
+
+def said_of(document):
+    results = as_results(document)
+    return coupling_sentences(results.design, words_of(results))
 
 
 def test_couplings_that_feel_real_are_named_with_their_span(both):
@@ -45,33 +38,25 @@ def test_couplings_that_feel_real_are_named_with_their_span(both):
         both["design"]["environments"][0] | {"name": name} | absent
         for name in ("VE1", "VE2", "VE3", "VE4", None)
     ]
-    sure = "with 95 % probability or more"
-    (none,) = coupling_sentences(as_results(changed))
-    assert none == (
-        f"No coupling is stable in time and feels real in VE1, VE2, VE3 and VE4 {sure}."
-    )
+    assert said_of(changed) == ["No coupling serves VE1, VE2, VE3 and VE4."]
     environments[1] |= {"stiffest": END, "softest": END | {"stiffness": 700.0}}
     environments[2] |= {"outcome": "undecided"}
-    said = coupling_sentences(as_results(changed))
+    said = said_of(changed)
     assert said == [
-        f"Couplings that are stable in time feel real in VE2 (0.7 to 9 kN/m) {sure}.",
-        f"No coupling is stable in time and feels real in VE1 and VE4 {sure}.",
-        "Whether one is in VE3 the data do not decide.",
+        "VE2 feels real through couplings of 0.7 to 9 kN/m (95 % probability).",
+        "No coupling serves VE1 and VE4.",
+        "Whether a coupling makes VE3 feel real the data do not decide.",
     ]
     sentences = findings(as_results(changed)).overview.sentences
-    assert any(sentence.endswith(" ".join(said)) for sentence in sentences)
-    for row in environments:
-        row |= {"stiffest": None, "softest": None, "outcome": "undecided"}
-    assert coupling_sentences(as_results(changed)) == [
-        f"Whether a coupling is stable in time and feels real in VE1, VE2, VE3 and VE4 {sure},"
-        " the data do not decide."
-    ]
+    assert sentences[1] == " ".join(said)
     for row in environments:
         row |= {"stiffest": END | {"bound": "map"}, "softest": END}
-    (every,) = coupling_sentences(as_results(changed))
-    assert every.endswith(f"VE3 (9 kN/m and more) and VE4 (9 kN/m and more) {sure}.")
+    (every,) = said_of(changed)
+    assert every.endswith(
+        "through 9 kN/m and more and VE4 through 9 kN/m and more (95 % probability)."
+    )
     changed["design"] = None
-    assert coupling_sentences(as_results(changed)) == []
+    assert said_of(changed) == []
 
 
 def test_every_environment_has_its_effective_impedance(classical):
@@ -107,7 +92,7 @@ def model_of(*, form="trials", environments=3, parameters=("k", "b"), diagnostic
         intervals=tuple(dataclasses.replace(row, parameter=p) for p in parameters),
         diagnostics=diagnostics,
     )  # fmt: skip
-    return methods(results).view.model
+    return model_words(results)
 
 
 @pytest.mark.parametrize(
@@ -150,17 +135,14 @@ def checked():
 
 
 def test_messages_and_tables_stand_on_the_page(checked):
-    assert [one.name for one in sections_of(checked)].index("checks") > 0
     page = page_of(checked)
     assert "S01 lies far from what the others predict" in page
-    for pointer in (
-        "loo/subjects/0/pareto_k", "statistics/0/above",
-    ):  # fmt: skip
+    for pointer in ("loo/subjects/0/pareto_k", "statistics/0/above", "normality/0/p_value"):
         assert f'data-at="/checks/{pointer}"' in page, pointer
 
 
 def test_no_section_without_checks(checked):
-    assert checks(as_results({**checked, "checks": None})) is None
+    assert "model" not in parts_of(sections_of({**checked, "checks": None}))
 
 
 def test_only_what_was_used_is_cited(classical, both):
@@ -204,48 +186,21 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
         for cell in document["data"]["cells"]
         if cell["environment"] == "VE1"
     ]
-    everywhere = document["design"]["environments"]
-    regions = [everywhere[0] | {"name": name} for name in names]
-    document["design"]["environments"] = [*regions, everywhere[-1]]
+    results = as_results(document)
+    overview = findings(results).overview.rows
+    by_name = {drawing.name: drawing for drawing in drawings(results, overview)}
     said = "24 of 60 environments are drawn, evenly spaced in their order. The tables hold all."
-    by_name = {drawing.name: drawing for drawing in drawings(as_results(document))}
-    for name in ("overview_all_k", "overview_all_b", "boundaries", "ratios", "design"):
-        assert said in by_name[name].description, name
-    figure = Figure(figsize=(7.0, 7.0))
-    by_name["overview_all_k"].draw(figure)
-    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert (labels[0], labels[-1], len(labels)) == ("E00", "E59", 24)
-    foremost = by_name["overview_k"]
-    assert foremost.title.endswith(": 10 of 60 environments, those whose bias is clearest")
-    figure = Figure(figsize=(7.0, 7.0))
-    foremost.draw(figure)
-    assert len(figure.axes[0].get_yticklabels()) == 10
-    for name, panels in (("boundaries", 24), ("ratios", 72), ("design", 25)):
-        figure = Figure(figsize=(7.0, 7.0))
+    for name, count in (("overview_all", 24), ("overview", 5)):
+        figure = Figure(figsize=(7.0, 7.0), layout="constrained")
         by_name[name].draw(figure)
-        assert len(figure.axes) == panels, name
-    explorer = section(document, "boundaries")
-    assert [curves["name"] for curves in explorer.curves] == labels
-    assert said in explorer.left_out
-    assert said not in page_of(classical)
-    screen = section(document, "summary")
-    assert len(screen.lines) == 10
-    assert len(screen.lines) + len(screen.folded) == 120
-    assert screen.every == ["overview_all_k", "overview_all_b"]
-    assert section(classical, "summary").folded == []
-
-
-def test_every_subject_has_a_row_that_warnings_lead_to(both):
-    document = copy.deepcopy(both)
-    subjects = list(dict.fromkeys(row["subject"] for row in document["data"]["people"]))
-    checks = []
-    for subject in subjects:
-        outlier = subject in ("S03", "S09")
-        check = {"subject": subject, "elpd": -1.0, "pareto_k": 0.3}
-        checks.append(check | {"farther": 0.5, "outlier": outlier})
-    loo = {"elpd": -9.0, "se": 1.0, "good_k": 0.7, "subjects": checks, "cells": []}
-    document["checks"] = {"normality": [], "loo": loo | {"messages": ["S03 leads."]}}
-    page = page_of(document)
-    for rank, subject in enumerate(subjects, start=1):
-        assert f'<tr id="subject-{rank}"><th scope="row">{subject}</th>' in page
-    assert '<a href="#subject-3">S03</a>, <a href="#subject-9">S09</a>.' in page
+        assert len(figure.axes[0].get_yticklabels()) == count
+    assert said in by_name["overview_all"].description
+    assert by_name["overview"].title == "What users set: 5 of 60 environments"
+    figure = Figure(figsize=(7.0, 7.0), layout="constrained")
+    by_name["ratios"].draw(figure)
+    assert len(figure.axes) == 24
+    assert said in by_name["ratios"].description
+    parts = parts_of(sections_of(document))
+    assert said in parts["said"].sentences[0]
+    assert [len(parts[name].tables[0].rows) for name in ("environments", "others")] == [5, 55]
+    assert "others" not in parts_of(sections_of(classical))

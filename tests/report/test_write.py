@@ -29,7 +29,7 @@ def test_everything_promised_is_there(report, both):
         f"tables/{name}.csv" for name in ("intervals_k", "intervals_b", "boundaries", "band")
     }
     promised |= {
-        f"figures/{name}.svg" for name in ("overview_k", "boundaries_close", "stability", "design")
+        f"figures/{name}.svg" for name in ("overview", "ratios", "boundaries_close", "stability")
     }
     assert promised <= files
     assert (report / "report.json").read_text(encoding="utf-8") == dumps(both)
@@ -58,7 +58,7 @@ def test_files_of_the_user_stay_and_a_second_run_gives_the_same(quick, tmp_path)
 def test_formats_are_those_asked_for(quick, tmp_path):
     quick.report(tmp_path / "out", formats=("pdf",))
     assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
-        f"{name}.{form}" for name in ("band", "overview_b", "overview_k") for form in ("pdf",)
+        f"{name}.pdf" for name in ("band", "overview")
     }
 
 

@@ -1,18 +1,13 @@
-"""What each subject did, against plain loops; and the rows that warnings lead to."""
+"""What each subject did, against plain loops."""
 
-import dataclasses
 import math
-import re
 import statistics
 
 import pytest
 
 from percept import Scene, Sessions, read_sessions
-from percept.report.people import named_subjects, people
-from percept.results import CellOutlier, LeftOut, SubjectCheck
 from percept.study.data import Data
 from tests import DATASETS
-from tests.documents import EMPTY
 
 SESSIONS = read_sessions(DATASETS / "hbfd_sessions.csv")
 
@@ -75,25 +70,3 @@ def test_rows_are_those_of_plain_loops(subjects, family):
 
 def test_published_limits_have_no_rows():
     assert list(Data(read_sessions(DATASETS / "hbfd_table1.csv"), Scene()).people) == []
-
-
-def test_warnings_lead_to_the_rows_of_those_they_name():
-    rows = Data(kept(4), Scene()).people
-    results = dataclasses.replace(EMPTY, data=dataclasses.replace(EMPTY.data, people=rows))
-    assert named_subjects(results) == []
-    checked = [
-        SubjectCheck("S01", -1.0, 0.2, farther=0.4, outlier=False),
-        SubjectCheck("S02", None, 0.9, farther=0.4, outlier=False),
-        SubjectCheck("S03", -9.0, 0.2, farther=1e-5, outlier=True),
-    ]
-    cell = CellOutlier("S04", "VE1", "k", 1.0, 1e-6, outlier=True)
-    loo = LeftOut(None, None, 0.7, tuple(checked), (cell,), ())
-    checks = type("Checked", (), {"loo": loo, "without": ()})
-    results = dataclasses.replace(results, checks=checks)
-    named = named_subjects(results)
-    assert [one.subject for one in named] == ["S03", "S04"]
-    section = people(results, ())
-    assert section.view.is_open
-    assert [line.check for line in section.view.lines] == [*checked, None]
-    assert {one.row_id for one in named} <= {line.named.row_id for line in section.view.lines}
-    assert all(re.fullmatch(r"subject-\d+", line.named.row_id) for line in section.view.lines)

@@ -110,8 +110,8 @@ def test_a_slope_is_said_of_settings_and_of_their_ratio(fitted_trials):
     document = build_document(fitted_trials)
     sentence = document["summary"]["overview"]["sentences"][0]
     said = re.match(
-        r"Per decade of reference \w+ set stiffness ([\d.]+) times as high: the ratio to the"
-        r" reference (falls|rises) to ([\d.]+) times, ([\d.]+) to ([\d.]+) with 99 % probability",
+        r"Per decade of reference the stiffness is ([\d.]+) times as high: the ratio to the"
+        r" reference (falls|rises) to ([\d.]+) times \(99 %: ([\d.]+) to ([\d.]+)\)\.",
         sentence,
     )
     row = fitted_trials.contrast("reference").iloc[0]

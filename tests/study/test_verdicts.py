@@ -6,7 +6,7 @@ import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.boundary.feels_real import judge
-from percept.report.feelings import feeling_sentences
+from percept.report.decisions import doubtful_verdicts
 from percept.report.select import Words
 from tests import DATASETS
 
@@ -74,9 +74,9 @@ def test_three_users_do_not_refute_a_wall_by_its_magnitude(tmp_path) -> None:
     assert min(verdict.classical.stiffness, verdict.classical.damping) > 0.05 / 3.0
     assert verdict.outcome == "too little data"
     words = Words("wall", "walls", "user", "users", "user", "users")
-    assert feeling_sentences([verdict], words)[2] == (
+    assert doubtful_verdicts([verdict], words) == [
         "With fewer than 6 users only k or b can show that light would not feel real."
-    )
+    ]
 
 
 def test_published_limits_are_judged_part_by_part() -> None:

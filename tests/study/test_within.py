@@ -57,7 +57,7 @@ def test_ratios_of_spread_hold_the_truth(computed):
 def test_the_page_says_what_the_bayesian_contrasts_are(made, computed):
     document = build_document(made)
     page = page_of(document | {"contrast": computed})
-    assert "contrasts come from the posterior that gives the other Bayesian results" in page
+    assert "All Bayesian contrasts come from one posterior." in page
     assert "All Bayesian contrasts" not in page_of(document)
 
 
@@ -159,7 +159,7 @@ def test_the_page_tells_every_kind_of_contrast(planted):
     assert "slope on dose" in page
     assert "interaction hand:load" in page
     assert "Different subjects are compared in group." in page
-    assert "with 1 more of dose" in page
+    assert "1 more of dose" in page
 
 
 @pytest.mark.evidence

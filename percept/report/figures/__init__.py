@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from percept.report.figures.band import band_drawings
-from percept.report.figures.boundaries import boundary_drawings
 from percept.report.figures.canvas import Drawing
 from percept.report.figures.couplings import design_drawings, stability_drawings
-from percept.report.figures.intervals import interval_drawings
+from percept.report.figures.curves import curve_drawings
+from percept.report.figures.intervals import overview_drawings
 from percept.report.figures.levels import level_drawings
-from percept.report.figures.pse_lines import line_drawings
-from percept.report.figures.zwidth import zwidth_drawings
-from percept.results import Results
+from percept.results import OverviewRow, Results
 
 __all__ = ["drawings"]
 
 
-def drawings(results: Results) -> list[Drawing]:
+def drawings(results: Results, overview: Sequence[OverviewRow]) -> list[Drawing]:
     """Return the figures of results in the order of the page; nothing is drawn yet."""
     return [
         *level_drawings(results),
-        *interval_drawings(results),
-        *line_drawings(results),
-        *boundary_drawings(results),
-        *zwidth_drawings(results.zwidth),
-        *stability_drawings(results.coupling),
+        *overview_drawings(results, overview),
+        *curve_drawings(results),
+        *stability_drawings(results.zwidth, results.coupling),
         *design_drawings(results),
         *band_drawings(results),
     ]

@@ -1,4 +1,4 @@
-"""The figures of couplings: Eq. 10, and maps of what feels real."""
+"""Couplings: what the device renders in time, Eq. 10, and maps of what feels real."""
 
 from __future__ import annotations
 
@@ -11,43 +11,50 @@ from percept.report.figures.canvas import (
     COLOURS,
     WIDE,
     Drawing,
-    Frame,
     legend,
     log_scale,
-    outer_labels,
     panels,
-    row_labels,
+    unique_labels,
 )
 from percept.report.figures.curves import draw_stability
 from percept.report.select import METHOD_NAMES, choice_said, chosen, words_of
 from percept.results import (
-    AdmissibleCouplings,
     Coupling,
     EnvironmentCouplings,
+    RenderedEdge,
+    RenderedWall,
     Results,
+    ZWidth,
 )
 
-__all__ = [
-    "design_drawings", "draw_couplings", "stability_drawings",
-]  # fmt: skip
+__all__ = ["design_drawings", "draw_couplings", "draw_zwidth", "stability_drawings"]
 
 #: Probabilities from which on the map is a shade darker; the decision is one more.
 SHADES = (0.05, 0.25, 0.5, 0.75)
 #: Opacity of one shade: they add up where one lies on another.
-SHADE_ALPHA = 0.16
+_SHADE_ALPHA = 0.16
 _LIKELY = 0.5  # the probability of the dashed line
 _KILO = 1e3  # N/m in kN/m
-_ROOM = 1.05  # factor on what an axis has to show
-_MOST_COLUMNS = 6  # panels side by side
-_FEWEST_COLUMNS = 3
-_TITLE_WIDTH = 24.0  # mm
-_PANEL_HEIGHT = 42.0  # mm, with its labels
-_LEGEND_HEIGHT = 15.0  # mm
-_STABILITY_SIZE = (120.0, 50.0)  # mm
+_ROOM = 1.3  # factor on what a logarithmic axis has to show
+_LINEAR_ROOM = 1.05
+_LEAST_SPAN = 10.0  # of a logarithmic axis
+_FILL_ALPHA = 0.15
+_MOST_COLUMNS = 4  # panels side by side
+_TITLE = 26  # letters
+_PANEL_HEIGHT = 46.0  # mm, with its labels
+_LEGEND_HEIGHT = 12.0  # mm
+_STABILITY_WIDTH = 124.0  # mm
+_STABILITY_HEIGHT = 56.0  # mm
 
 
-def draw_couplings(ax: Axes, couplings: EnvironmentCouplings, *, decision: float) -> None:
-    """Draw how probably couplings that are stable in time feel real, by stiffness and damping.
+def draw_couplings(
+    ax: Axes,
+    couplings: EnvironmentCouplings,
+    *,
+    decision: float,
+    used: tuple[float, float] | None = None,
+) -> None:
+    """Draw how probably couplings that can be rendered feel real, by stiffness and damping.
 
     Parameters
     ----------
@@ -57,136 +64,189 @@ def draw_couplings(ax: Axes, couplings: EnvironmentCouplings, *, decision: float
         The map, and its ends.
     decision : float
         Probability from which a coupling feels real.
+    used : tuple of float, optional
+        Stiffness (N/m) and damping (N·s/m) of the coupling in use, which the axes then hold.
     """
     stiffness = couplings.stiffness / _KILO
     lines = np.broadcast_to(couplings.damping[:, None], stiffness.shape)
     probability = couplings.probability
+    colour = COLOURS["coupled"]
     if couplings.limited:
         ax.plot(
             stiffness[:, -1], couplings.damping, color=COLOURS["quiet"], linewidth=0.8,
-            label="edge of what is stable in time",
+            label="edge of what can be rendered",
         )  # fmt: skip
     for least in (*SHADES, decision):
         if probability.max() > least:
             ax.contourf(
-                stiffness, lines, probability, levels=[least, 1.1], colors=[COLOURS["coupled"]],
-                alpha=SHADE_ALPHA,
+                stiffness, lines, probability, levels=[least, 1.1], colors=[colour],
+                alpha=_SHADE_ALPHA,
             )  # fmt: skip
     for least, dashes in ((_LIKELY, (0, (3, 2))), (decision, "solid")):
         # A line of the legend also where this map has none.
         ax.plot(
-            [], [], label=f"{percent(least)} probability", color=COLOURS["coupled"],
-            linestyle=dashes, linewidth=0.9,
+            [], [], label=f"{percent(least)} probability", color=colour, linestyle=dashes,
+            linewidth=0.9,
         )  # fmt: skip
         if probability.min() < least < probability.max():
             ax.contour(
-                stiffness, lines, probability, levels=[least], colors=[COLOURS["coupled"]],
-                linestyles=[dashes], linewidths=0.9,
+                stiffness, lines, probability, levels=[least], colors=[colour], linestyles=[dashes],
+                linewidths=0.9,
             )  # fmt: skip
     for end in (couplings.stiffest, couplings.softest):
         if end is not None:
             ax.plot(
-                [end.stiffness / _KILO], [end.damping], "o", markersize=3.5, clip_on=False,
-                color=COLOURS["coupled"], label="stiffest and softest that feel real",
+                [end.stiffness / _KILO], [end.damping], "o", markersize=3.5, color=colour,
+                label="stiffest and softest that feel real",
             )  # fmt: skip
-    largest = float(probability.max())
-    if largest < decision:
-        text = f"at most {100.0 * largest:.0f} %"
-        ax.text(0.05, 0.05, text, color=COLOURS["quiet"], transform=ax.transAxes)
+    ends = [float(stiffness.min()), float(stiffness.max())]
+    top = float(couplings.damping[-1])
+    if used is not None:
+        own = used[0] / _KILO
+        label = f"coupling in use ({own:.4g} kN/m, {used[1]:.4g} N·s/m)"
+        ax.plot([own], [used[1]], "X", markersize=5, color=COLOURS["warn"], label=label)
+        ends += [own / _ROOM, own * _ROOM]
+        top = max(top, used[1])
     log_scale(ax, "x", plain=True)
-
-
-def _draw_used(ax: Axes, stiffness: float, damping: float) -> None:
-    """Mark the coupling in use, its numbers in the legend; at the edge where it lies beyond."""
-    own = stiffness / _KILO
-    ax.plot(
-        [min(own, ax.get_xlim()[1])], [min(damping, ax.get_ylim()[1])], "X", markersize=5,
-        color=COLOURS["warn"], clip_on=False,
-        label=f"coupling in use ({own:.4g} kN/m, {damping:.4g} N·s/m)",
-    )  # fmt: skip
+    ax.set_xlim(min(ends), max(ends))
+    ax.set_ylim(0.0, _LINEAR_ROOM * top)
+    ax.set_xlabel("stiffness (kN/m)")
+    ax.set_ylabel("damping (N·s/m)")
 
 
 def design_drawings(results: Results) -> list[Drawing]:
-    """Return the map of couplings by the probability that they feel real."""
+    """Return the maps of environments for which some coupling surely feels real."""
     design = results.design
     if design is None:
         return []
-    names = [region.name for region in design.environments if region.name is not None]
-    drawn = {*chosen(names), None}
-    regions = [region for region in design.environments if region.name in drawn]
-    columns = min(max(len(regions), _FEWEST_COLUMNS), _MOST_COLUMNS)
-    used = results.provenance.scene.get("coupling")
+    found = {region.name: region for region in design.environments if region.outcome == "some"}
+    if not found:
+        return []
+    # All together come last, and stay.
+    names = [name for name in found if name is not None]
+    regions = [found[name] for name in (*chosen(names), None) if name in found]
+    columns = min(len(regions), _MOST_COLUMNS)
+    coupling = results.provenance.scene.get("coupling")
+    used = (coupling["stiffness"], coupling["damping"]) if coupling else None
 
     def draw(figure: Figure) -> None:
-        axes = panels(figure, len(regions), columns=columns, frame=Frame(bottom=17, gap=9, line=8))
-        titles = row_labels(
-            [region.name or "all together" for region in regions], most=_TITLE_WIDTH
-        )
-        left = min(float(region.stiffness[0, 0]) for region in regions) / _KILO
-        right = max(float(region.stiffness.max()) for region in regions) / _KILO
+        axes = panels(figure, len(regions), columns=columns)
+        titles = unique_labels([region.name or "all together" for region in regions], _TITLE)
         for ax, region, title in zip(axes, regions, titles, strict=True):
-            draw_couplings(ax, region, decision=design.decision)
-            ax.set_xlim(left / _ROOM, _ROOM * right)
-            ax.set_ylim(0.0, _ROOM * float(region.damping[-1]))
-            if used is not None:
-                _draw_used(ax, used["stiffness"], used["damping"])
-            ax.set_title(title, loc="left")
-            ax.set_xlabel("stiffness (kN/m)")
-            ax.set_ylabel("damping (N·s/m)")
-        outer_labels(axes, columns)
-        for ax in axes:
-            # What is stable ends elsewhere in each panel.
-            ax.tick_params(labelleft=True)
-        legend(max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0])), ncols=3)
+            draw_couplings(ax, region, decision=design.decision, used=used)
+            ax.set_title(title)
+        legend(axes, ncols=3)
 
-    rows = -(-len(regions) // columns)
+    shades = ", ".join(f"{100 * shade:.0f}" for shade in SHADES)
+    words = words_of(results)
     return [
         Drawing(
             name="design",
-            title="Probability that couplings stable in time feel real, by stiffness and damping",
-            description=_said(results, design) + choice_said(names, words_of(results).environments),
-            size=(WIDE, _LEGEND_HEIGHT + _PANEL_HEIGHT * rows),
+            title="Couplings by the probability that they feel real",
+            description="Left of the edge this device renders the"
+            f" {words.environment} with every hand. The darker, the more probably it feels real"
+            f" ({METHOD_NAMES[design.method]}): shades begin at {shades} and"
+            f" {percent(design.decision)}. The cross is the coupling in use."
+            + choice_said(names, words.environments),
+            size=(
+                WIDE * len(regions[:3]) / 3.0,
+                _LEGEND_HEIGHT + _PANEL_HEIGHT * -(-len(regions) // columns),
+            ),
             draw=draw,
         )
     ]
 
 
-def _said(results: Results, design: AdmissibleCouplings) -> str:
-    """Say what the map shows."""
-    shades = ", ".join(f"{100 * shade:.0f}" for shade in SHADES)
-    words = words_of(results)
-    draws = min(region.draws for region in design.environments)
-    said = (
-        f"Left of the edge this device renders the {words.environment} with every passive hand,"
-        f" in time. Without an edge all couplings do. The darker, the more probably displays"
-        f" through the coupling feel real ({METHOD_NAMES[design.method]},"
-        f" {draws} draws of the {words.users}): shades begin at {shades} and"
-        f" {percent(design.decision)}."
-    )
-    if len(design.environments) > 1:
-        said += f" “All together” shows the least probable of the {words.environments}."
-    if results.provenance.scene.get("coupling") is not None:
-        said += " The cross is the coupling in use."
-    return said
+def draw_zwidth(ax: Axes, width: ZWidth) -> None:
+    """Draw the region of stiffness and damping, and the references as points.
+
+    Parameters
+    ----------
+    ax : Axes
+        To draw on; it becomes logarithmic beside references, which lie decades apart.
+    width : ZWidth
+        What is drawn. Its edge is known. The axes hold every reference.
+    """
+    assert width.edge is not None
+    walls = [wall for wall in width.references if wall.stiffness > 0 and wall.damping > 0]
+    right = _LINEAR_ROOM * width.edge.stiffest / _KILO or 1.0
+    top = _LINEAR_ROOM * width.edge.most_damping or 1.0
+    left, bottom = 0.0, 0.0
+    if walls:
+        right = max(right, _ROOM * max(wall.stiffness for wall in walls) / _KILO)
+        top = max(top, _ROOM * max(wall.damping for wall in walls))
+        left = min(min(wall.stiffness for wall in walls) / _KILO / _ROOM, right / _LEAST_SPAN)
+        bottom = min(min(wall.damping for wall in walls) / _ROOM, top / _LEAST_SPAN)
+    _draw_edge(ax, width.edge, left)
+    if width.likely is not None:
+        ax.plot(
+            np.maximum(width.likely.stiffness / _KILO, left), width.likely.damping,
+            color=COLOURS["ink"], linestyle="--", linewidth=0.8,
+            label="rendered by 95 % of likely devices",
+        )  # fmt: skip
+    if walls:
+        log_scale(ax, plain=True)
+    for wall in walls or width.references:
+        _draw_wall(ax, wall)
+    ax.set_xlim(left, right)
+    ax.set_ylim(bottom, top)
+    ax.set_xlabel("stiffness (kN/m)")
+    ax.set_ylabel("damping (N·s/m)")
 
 
-def stability_drawings(coupling: Coupling | None) -> list[Drawing]:
-    """Return Eq. 10 over ω (Fig. 4)."""
-    if coupling is None or not len(coupling.bound):
+def _draw_edge(ax: Axes, edge: RenderedEdge, left: float) -> None:
+    """Fill the region down to both axes."""
+    stiffness = np.maximum(edge.stiffness / _KILO, left)
+    colour = COLOURS["coupled"]
+    corner_stiffness = np.append(stiffness, left)
+    corner_damping = np.append(edge.damping, 0.0)
+    ax.fill(corner_stiffness, corner_damping, color=colour, alpha=_FILL_ALPHA, linewidth=0)
+    ax.plot(stiffness, edge.damping, color=colour, label="rendered with every hand")
+
+
+def _draw_wall(ax: Axes, wall: RenderedWall) -> None:
+    """Mark a reference, with its name on the side that has room."""
+    place = (wall.stiffness / _KILO, wall.damping)
+    ax.plot(*place, "o", markersize=3, color=COLOURS["ink"])
+    ax.annotate(wall.environment, place, xytext=(-3, 3), ha="right", textcoords="offset points")
+
+
+def stability_drawings(width: ZWidth | None, coupling: Coupling | None) -> list[Drawing]:
+    """Return what the device renders in time, and Eq. 10 beside it where there is a coupling."""
+    in_time = width if width is not None and width.edge is not None else None
+    by_paper = coupling if coupling is not None and len(coupling.bound) else None
+    if in_time is None and by_paper is None:
         return []
 
     def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, frame=Frame(left=18, top=3))
-        lines = {"this coupling": (coupling.admittance, coupling.eq10_omega)}
-        draw_stability(ax, coupling.omega, coupling.bound, lines)
+        axes = panels(figure, (in_time is not None) + (by_paper is not None))
+        if in_time is not None:
+            draw_zwidth(axes[0], in_time)
+            axes[0].set_title("in time")
+            axes[0].legend(loc="upper left")
+        if by_paper is not None:
+            lines = {"this coupling": (by_paper.admittance, by_paper.eq10_omega)}
+            draw_stability(axes[-1], by_paper.omega, by_paper.bound, lines)
+            axes[-1].set_title("by Eq. 10 of the paper")
 
+    said = []
+    if in_time is not None:
+        said.append(
+            "In time: inside the edge no passive hand makes the motion grow, for walls rendered"
+            " directly and for couplings with a rigid wall behind them."
+        )
+        if in_time.references:
+            said.append("Points are the references.")
+    if by_paper is not None:
+        said.append("By Eq. 10 the real part of 1/Z_c has to stay above the lower bound.")
+    two = in_time is not None and by_paper is not None
     return [
         Drawing(
             name="stability",
-            title="Equation 10 over the angular frequency",
-            description="By the paper, the real part of the coupling’s admittance 1/Z_c has to stay"
-            " above the lower bound.",
-            size=_STABILITY_SIZE,
+            title="What the device renders with every hand"
+            + (", in time and by Eq. 10" if two else ""),
+            description=" ".join(said),
+            size=(_STABILITY_WIDTH if two else WIDE / 2, _STABILITY_HEIGHT),
             draw=draw,
         )
     ]

@@ -1,4 +1,4 @@
-"""Curves over the angular frequency on axes, as in Figs 4 and 7 of the paper."""
+"""Curves over the angular frequency: boundaries, close views, and boundaries over the reference."""
 
 from __future__ import annotations
 
@@ -7,33 +7,59 @@ from dataclasses import dataclass, replace
 from itertools import cycle
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from percept.report.decisions import FEELINGS, probability_said
 from percept.report.figures.canvas import (
     COLOURS,
     REFERENCE_DASHES,
-    brief,
-    common_range,
+    WIDE,
+    Drawing,
+    label_between,
+    legend,
     log_scale,
-    mark,
+    panels,
+    unique_labels,
 )
+from percept.report.select import (
+    METHOD_NAMES,
+    METHODS,
+    choice_said,
+    chosen,
+    distinct,
+    each_by_itself,
+    families_of,
+    first,
+    is_rendered,
+    matching,
+    words_of,
+)
+from percept.results import Boundary, Results
 
-__all__ = ["Limits", "draw_magnitude", "draw_ratio", "draw_stability", "ratio_range"]
+__all__ = ["Limits", "curve_drawings", "draw_magnitude", "draw_stability", "like_limits"]
 
 FloatArray = NDArray[np.float64]
 
 _COUPLED_DASHES = (0, (2.5, 1.5))
-_COUPLED_LABEL = "reference through the coupling"
 # Long and short dashes as in the paper's Fig. 4; more couplings go on with other patterns.
 _COUPLING_COLOURS = ("classical", "bayesian", "coupled", "warn")
 _COUPLING_DASHES = ((0, (9, 3)), (0, (3, 2)), (0, (6, 2, 1, 2)), (0, (1, 1.5)))
-#: Above and below the curves of a ratio, a factor.
-_RATIO_ROOM = 1.06
-#: Ends of a ratio's axis over each other, from which a strip has room for powers of ten alone.
-_LONG_SPAN = 30.0
+_WHOM = {
+    "mean": "the average {0.user}",
+    "user": "the next {0.user}",
+    "share": "a share of all {0.users}",
+}
+#: The next user's boundary is what the paper's rule asks about.
+_SHOWN_FIRST = ("user", "mean", "share")
+#: Shapes that both methods have, the exact one first.
+_SHAPES = ("envelope", "pointwise")
+_MOST_COLUMNS = 5  # panels side by side
+_FEWEST_COLUMNS = 3
+_PANEL_HEIGHT = 44.0  # mm, with its labels
+_LEGEND_HEIGHT = 8.0  # mm
+_TITLES = 130  # letters of all titles of a row
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,94 +117,43 @@ def draw_magnitude(
     log : bool
         Whether both axes are logarithmic.
     """
-    _draw(ax, omega, limits, reference, coupled)
+    for pair in limits:
+        colour = COLOURS[pair.method]
+        if pair.method == "classical":
+            ax.plot(pair.omega, pair.lower, color=colour, label=pair.label)
+            ax.plot(pair.omega, pair.upper, color=colour)
+            continue
+        # The corner curves cross; the band between them is what is meant.
+        low = np.minimum(pair.lower, pair.upper)
+        high = np.maximum(pair.lower, pair.upper)
+        ax.fill_between(
+            pair.omega, low, high, color=colour, alpha=0.25, linewidth=0, label=pair.label
+        )
+        ax.plot(pair.omega, low, color=colour, linewidth=0.6)
+        ax.plot(pair.omega, high, color=colour, linewidth=0.6)
+    ax.plot(omega, reference, color=COLOURS["ink"], linestyle=REFERENCE_DASHES, label="reference")
+    if coupled is not None:
+        label = "reference through the coupling"
+        ax.plot(omega, coupled, color=COLOURS["coupled"], linestyle=_COUPLED_DASHES, label=label)
+    ax.set_xlim(omega[0], omega[-1])
+    ax.set_xlabel("ω (rad/s)")
+    ax.set_ylabel("|Zₕ| (N·s/m)")
     if log:
         log_scale(ax, "x", plain=True)
         log_scale(ax, "y")
     else:
-        ax.locator_params(nbins=5)
-    ax.set_ylabel("|Zₕ| (N·s/m)")
+        ax.locator_params(nbins=4)
 
 
-def draw_ratio(
-    ax: Axes,
-    omega: FloatArray,
-    limits: Sequence[Limits],
-    reference: FloatArray,
-    coupled: FloatArray | None,
-    ends: tuple[float, float],
-) -> None:
-    """Draw boundaries over the reference's abs(Z_h); arrows mark what leaves the axis' `ends`."""
+def _draw_ratio(ax: Axes, shown: Boundary, limits: Sequence[Limits]) -> None:
+    """Draw boundaries and the coupled impedance over the reference, on an axis that holds them."""
+    reference = shown.reference
+    coupled = None if shown.coupled is None else shown.coupled / reference
     ratios = [pair.over_reference for pair in limits]
-    low, high = ends
-    coupled_ratio = None if coupled is None else coupled / reference
-    _draw(ax, omega, ratios, np.ones_like(omega), coupled_ratio)
-    ax.set_yscale("log", nonpositive="clip")
-    log_scale(ax, "x", plain=True)
-    ax.minorticks_off()
-    steps = (1, 2, 5) if high < _LONG_SPAN * low else (1,)
-    ax.yaxis.set_major_locator(LogLocator(subs=steps))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.set_ylim(low / _RATIO_ROOM, high * _RATIO_ROOM)
-    highest = max((float(np.max(pair.upper)) for pair in ratios), default=1.0)
-    lowest = min((float(np.min(pair.lower)) for pair in ratios), default=1.0)
-    if highest > high:
-        _say_beyond(ax, 0.97, "top", f"▲ {brief(highest)}")
-    if lowest < low:
-        _say_beyond(ax, 0.03, "bottom", f"▼ {brief(lowest)}")
-
-
-def _say_beyond(ax: Axes, y: float, side: str, text: str) -> None:
-    """Write how far curves go beyond the axis, in its right corner."""
-    ax.text(
-        0.98, y, text, fontsize=6.5, color=COLOURS["ink"], transform=ax.transAxes, ha="right",
-        va=side,
-    )  # fmt: skip
-
-
-def ratio_range(panels: Sequence[Sequence[Limits]]) -> tuple[float, float]:
-    """Return the ends of the axis that panels of boundaries over their references share."""
-    lows: list[float] = []
-    highs: list[float] = []
-    for panel in panels:
-        ratios = [pair.over_reference for pair in panel]
-        lows.append(min(float(np.min(pair.lower)) for pair in ratios))
-        highs.append(max(float(np.max(pair.upper)) for pair in ratios))
-    return common_range(lows, highs, log=True)
-
-
-def _draw(
-    ax: Axes,
-    omega: FloatArray,
-    limits: Sequence[Limits],
-    reference: FloatArray,
-    coupled: FloatArray | None,
-) -> None:
-    """Draw pairs of curves, the reference and the coupled impedance."""
-    for pair in limits:
-        colour = COLOURS[pair.method]
-        drawn: list[Artist] = []
-        if pair.method == "classical":
-            drawn += ax.plot(pair.omega, pair.lower, color=colour, label=pair.label)
-            drawn += ax.plot(pair.omega, pair.upper, color=colour)
-        else:
-            # The corner curves cross; the band between them is what is meant.
-            low = np.minimum(pair.lower, pair.upper)
-            high = np.maximum(pair.lower, pair.upper)
-            band = ax.fill_between(
-                pair.omega, low, high, color=colour, alpha=0.25, linewidth=0, label=pair.label
-            )
-            drawn.append(band)
-            drawn += ax.plot(pair.omega, low, color=colour, linewidth=0.6)
-            drawn += ax.plot(pair.omega, high, color=colour, linewidth=0.6)
-        mark(ax, drawn, pair.method)
-    ink = COLOURS["ink"]
-    ax.plot(omega, reference, color=ink, linestyle=REFERENCE_DASHES, label="reference, |Zₕ|")
-    if coupled is not None:
-        green = COLOURS["coupled"]
-        ax.plot(omega, coupled, color=green, linestyle=_COUPLED_DASHES, label=_COUPLED_LABEL)
-    ax.set_xlim(omega[0], omega[-1])
-    ax.set_xlabel("ω (rad/s)")
+    draw_magnitude(ax, shown.omega, ratios, np.ones_like(reference), coupled)
+    log_scale(ax, "y", plain=True)
+    label_between(ax, "y")
+    ax.set_ylabel("|Zₕ| / reference’s |Zₕ|")
 
 
 def draw_stability(
@@ -217,15 +192,13 @@ def draw_stability(
         if omega[0] <= binding <= omega[-1]:
             reached = _at(binding, omega, curve)
             needed = _at(binding, omega, drawn_bound)
-            ax.plot([binding], [reached], "o", markersize=6, color=colour, gid=f"binding:{label}")
-            ax.axvline(binding, color=colour, linewidth=0.7, linestyle=":")
+            ax.plot([binding], [reached], "o", markersize=5, color=colour, gid=f"binding:{label}")
             # In the legend, because the marks of like couplings lie on top of each other.
             line.set_label(f"{label}: {reached / needed:.3g} × bound at {binding:.4g} rad/s")
     log_scale(ax)
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("ω (rad/s)")
     ax.set_ylabel("admittance, real part (m/(N·s))")
-    ax.margins(y=0.12)
     ax.legend(frameon=False, loc="upper left")
 
 
@@ -240,3 +213,115 @@ def _at(frequency: float, omega: FloatArray, values: FloatArray) -> float:
     known = np.isfinite(values)
     logs = np.interp(np.log(frequency), np.log(omega[known]), np.log(values[known]))
     return float(np.exp(logs))
+
+
+def curve_drawings(results: Results) -> list[Drawing]:
+    """Return boundaries over the reference with the verdicts, and the scene's close views."""
+    main = [boundary for boundary in results.boundaries if each_by_itself(boundary)]
+    if not main:
+        return []
+    names = distinct(main, "environment")
+    present = {boundary.kind for boundary in main}
+    kind = next(kind for kind in _SHOWN_FIRST if kind in present)
+    whom = _WHOM[kind].format(words_of(results))
+    close = matching(results.close, kind=kind)
+    said = f"Bands: Bayesian; lines: classical. Dashed: the reference{_dotted(main)}."
+    drawings = [
+        Drawing(
+            name="ratios",
+            title=f"What {whom} takes for the reference, over the reference’s |Z_h|",
+            description=said + choice_said(names, words_of(results).environments),
+            size=_size(chosen(names)),
+            draw=lambda figure: _draw(figure, results, main, kind, is_close=False),
+        )
+    ]
+    if close:
+        drawings.append(
+            Drawing(
+                name="boundaries_close",
+                title=f"Boundaries of |Z_h| for {whom}, close views",
+                description=said,
+                size=_size(chosen(distinct(close, "environment"))),
+                draw=lambda figure: _draw(figure, results, close, kind, is_close=True),
+            )
+        )
+    return drawings
+
+
+def _dotted(boundaries: Sequence[Boundary]) -> str:
+    if all(boundary.coupled is None for boundary in boundaries):
+        return ""
+    return "; dotted: the reference through the coupling"
+
+
+def _columns(names: Sequence[str]) -> int:
+    return min(max(len(names), _FEWEST_COLUMNS), _MOST_COLUMNS)
+
+
+def _size(names: Sequence[str]) -> tuple[float, float]:
+    rows = -(-len(names) // _columns(names))
+    return WIDE, _LEGEND_HEIGHT + _PANEL_HEIGHT * rows
+
+
+def _draw(
+    figure: Figure, results: Results, boundaries: Sequence[Boundary], kind: str, *, is_close: bool
+) -> None:
+    """Draw a panel per environment, each on axes of its own."""
+    names = chosen(distinct(boundaries, "environment"))
+    columns = _columns(names)
+    axes = panels(figure, len(names), columns=columns)
+    titles = unique_labels(names, _TITLES // columns)
+    for index, (ax, name) in enumerate(zip(axes, names, strict=True)):
+        own = matching(boundaries, environment=name)
+        limits = like_limits(own, kind, families_of(results))
+        if is_close:
+            draw_magnitude(ax, own[0].omega, limits, own[0].reference, own[0].coupled, log=False)
+            ax.set_title(titles[index])
+        else:
+            _draw_ratio(ax, own[0], limits)
+            ax.set_title(f"{titles[index]}\n{_verdict(results, name)}".strip())
+        if index % columns:
+            ax.set_ylabel("")
+    legend(axes)
+
+
+def _verdict(results: Results, name: str) -> str:
+    """Return the verdict on the display, through the coupling where there is one."""
+    coupled = bool(matching(results.verdicts, coupled=True))
+    verdict = first(matching(results.verdicts, environment=name, coupled=coupled))
+    if not is_rendered(results, name, coupled=coupled):
+        return "cannot be rendered"
+    if verdict is None:
+        return ""
+    return f"{FEELINGS[verdict.outcome]} ({probability_said(verdict.probability)})"
+
+
+def like_limits(boundaries: Sequence[Boundary], kind: str, families: Sequence[str]) -> list[Limits]:
+    """Return the boundaries of both methods in one family and one shape, the Bayesian first."""
+    shapes = list(_SHAPES)
+    if any(boundary.device_share is not None for boundary in boundaries):
+        # An envelope leaves out what is not known of the device.
+        shapes.reverse()
+    for shape in shapes:
+        candidates = matching(boundaries, kind=kind, shape=shape)
+        limits: list[Limits] = []
+        for method in reversed(METHODS):
+            boundary = first(matching(candidates, method=method), family=families)
+            if boundary is not None:
+                limits.append(_limits(boundary))
+        if limits:
+            return limits
+    return []
+
+
+def _limits(boundary: Boundary) -> Limits:
+    method = METHOD_NAMES[boundary.method]
+    averaged = ", over devices" if boundary.device_share is not None else ""
+    return Limits(
+        label=f"{method}, {boundary.shape} ({boundary.family}){averaged}",
+        method=boundary.method,
+        omega=boundary.omega,
+        lower=boundary.lower,
+        upper=boundary.upper,
+        reference=boundary.reference,
+    )

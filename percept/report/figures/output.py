@@ -29,8 +29,6 @@ STYLE: Any = {
     # Names are the user's: a dollar sign among them begins no formula.
     "text.parse_math": False,
     "axes.titlesize": 8.0,
-    # At its place at once: looking for room above the ticks costs as much as drawing them.
-    "axes.titley": 1.0,
     "axes.labelsize": 7.5,
     "axes.linewidth": 0.6,
     "axes.edgecolor": COLOURS["quiet"],
@@ -82,8 +80,6 @@ _OWN_STYLE = re.compile(r"<defs>\s*<style.*?</style>\s*</defs>", re.DOTALL)
 _HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'
 # Text keeps its > escaped, so that these are the tags and nothing a user wrote.
 _TAG = re.compile(r"<[^>]*>")
-# What a filter of the page hides: marks of a method, and of a kind where they have one.
-_MARK = re.compile(r"mark-(?P<method>\w+)-(?P<kind>\w*)-\d+")
 _ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
 _BREAK_INSIDE = re.compile(r"\s*\n\s*(?=[^<\s])")
 _INDENT = re.compile(r"\s*\n\s*")
@@ -113,7 +109,9 @@ def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], s
     with rc_context(salted), warnings.catch_warnings():
         # An SVG holds text as text; whoever shows it has more fonts.
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        figure = Figure(figsize=(drawing.size[0] * MM, drawing.size[1] * MM))
+        # Names as long as a figure leave no room for axes: they lie over each other.
+        warnings.filterwarnings("ignore", "constrained_layout not applied", UserWarning)
+        figure = Figure(figsize=(drawing.size[0] * MM, drawing.size[1] * MM), layout="constrained")
         drawing.draw(figure)
         text = _CONTROL.sub("\ufffd", _saved(figure, "svg", dpi=72).decode("utf-8"))
         files = {
@@ -160,10 +158,6 @@ def _inline(drawing: Drawing, text: str) -> str:
         return _ID.sub(lambda one: attribute(one[1][1:-1]), tag)
 
     def attribute(name: str) -> str:
-        if mark := _MARK.fullmatch(name):
-            return "".join(
-                f' data-{key}="{value}"' for key, value in mark.groupdict().items() if value
-            )
         return f' id="{name}"' if name in used else ""
 
     side, high = drawing.size

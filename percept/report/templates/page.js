@@ -21,7 +21,7 @@
     const button = $("#theme");
     const system = matchMedia("(prefers-color-scheme: dark)");
     const dark = () => (root.dataset.theme ?? (system.matches ? "dark" : "light")) === "dark";
-    const name = () => { button.textContent = dark() ? "Light page" : "Dark page"; };
+    const name = () => { button.textContent = dark() ? "Light mode" : "Dark mode"; };
     button.addEventListener("click", () => { root.dataset.theme = dark() ? "light" : "dark"; name(); });
     system.addEventListener("change", name);
     button.hidden = false;
@@ -31,41 +31,6 @@
   // Every digit of a number, where the pointer rests.
   function digits() {
     for (const shown of all("data[value]")) shown.title = shown.value;
-  }
-
-  function chosen(form, name) {
-    return new Set(all(`input[name=${name}]:checked`, form).map((box) => box.value));
-  }
-
-  // Methods and kinds to show, in all tables and plots.
-  function choices(redraw) {
-    const form = $("#choose");
-    const methods = Object.keys(METHODS).filter((m) => $(`main .m-${m}, main [data-method=${m}]`));
-    const kinds = Object.keys(KINDS).filter((kind) => $(`main [data-kind=${kind}]`));
-    const group = (legend, name, values, labels) => element("fieldset", {}, element("legend", {}, legend),
-      ...values.map((value) => element("label", {},
-        element("input", { type: "checkbox", name, value, checked: true }), ` ${labels[value]}`)));
-    if (methods.length > 1) form.append(group("Methods", "method", methods, METHODS));
-    if (kinds.length > 1) form.append(group("Kinds", "kind", kinds, KINDS));
-    if (!form.children.length) return;
-    form.hidden = false;
-    form.addEventListener("submit", (event) => event.preventDefault());
-    form.addEventListener("change", () => {
-      const hidden = (name, value) => {
-        const boxes = all(`input[name=${name}]`, form);
-        return boxes.length > 0 && value !== undefined && !chosen(form, name).has(value);
-      };
-      for (const part of all("main [data-kind], main [data-method]")) {
-        part.toggleAttribute("hidden",
-          hidden("kind", part.dataset.kind) || hidden("method", part.dataset.method));
-      }
-      for (const method of methods) {
-        for (const cell of all(`main .m-${method}`)) {
-          cell.toggleAttribute("hidden", hidden("method", method) || hidden("kind", cell.dataset.kind));
-        }
-      }
-      redraw();
-    });
   }
 
   // Sort a table by a column; a third click brings the first order back.
@@ -114,20 +79,13 @@
     }
   }
 
-  // Paper cannot be unfolded. Browsers that style what is folded do without this.
-  function printing() {
-    const folded = all("details.printed:not([open])");
-    addEventListener("beforeprint", () => folded.forEach((part) => { part.open = true; }));
-    addEventListener("afterprint", () => folded.forEach((part) => { part.open = false; }));
-  }
-
   // The explorer: every environment over one window of ω, zoomed together.
   function explorer() {
     const place = $("#explorer");
     const source = $("#curves");
-    if (!place || !source) return () => {};
+    if (!place || !source) return;
     const data = JSON.parse(source.textContent).map(prepared);
-    if (!data.length) return () => {};
+    if (!data.length) return;
     const range = [data[0].grids[0][0], data[0].grids[0].at(-1)];
     const state = { window: [...range], own: false, at: null };
     const options = (name) => [...new Set(data.flatMap((one) => one.limits.map((limit) => limit[name])))];
@@ -179,7 +137,6 @@
       element("div", { class: "plots" }, ...plots.map((one) => one.box)));
     place.hidden = false;
     draw();
-    return draw;
 
     function zoom(window) {
       Object.assign(state, { window, own: false, at: null });
@@ -190,8 +147,7 @@
       from.value = Number(state.window[0].toPrecision(6));
       to.value = Number(state.window[1].toPrecision(6));
       from.disabled = to.disabled = state.own;
-      const methods = $("#choose input[name=method]") ? chosen($("#choose"), "method") : new Set(Object.keys(METHODS));
-      for (const one of plots) one.draw(methods);
+      for (const one of plots) one.draw();
     }
 
     function read() {
@@ -206,14 +162,13 @@
       const box = element("figure", {}, element("figcaption", {}, element("strong", {}, one.name)), svg, output);
       let current = null;
 
-      function shown(methods) {
+      function shown() {
         const window = state.own && one.zoom ? one.zoom : state.window;
         const wide = window[1] / window[0] > 3;
         const grid = Array.from({ length: 160 }, (_, i) => wide
           ? window[0] * (window[1] / window[0]) ** (i / 159) : window[0] + (window[1] - window[0]) * i / 159);
         const relative = scale.value === "ratio";
-        const limits = one.limits.filter((limit) => methods.has(limit.method) && limit.kind === kind.value
-          && limit.shape === shape.value && limit.family === family.value);
+        const limits = one.limits.filter((limit) => limit.kind === kind.value && limit.shape === shape.value && limit.family === family.value);
         limits.sort((a, b) => a.method.localeCompare(b.method));
         const series = limits.map((limit) => ({ name: METHODS[limit.method], css: limit.method,
           lower: grid.map((w) => one.value(limit.lower, w, limit.grid)),
@@ -231,8 +186,8 @@
         return { window, wide, grid, series, lines, relative };
       }
 
-      function render(methods) {
-        current = shown(methods);
+      function render() {
+        current = shown();
         const values = [...current.lines.map((line) => line.values),
           ...current.series.flatMap((s) => [s.lower, s.upper])].flat().filter((v) => Number.isFinite(v) && v > 0);
         let low = Math.min(...values), high = Math.max(...values);
@@ -391,6 +346,5 @@
   digits();
   sorting();
   copying();
-  printing();
-  choices(explorer());
+  explorer();
 })();

@@ -1,0 +1,302 @@
+"""What the device displays: what it renders, what feels real, couplings, and other devices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from percept.boundary.confidence import FEWEST_FOR_PAIR, PARTS
+from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE
+from percept.errors import capitalised
+from percept.inference.record import percent
+from percept.report.decisions import RENDERED, paper_rule
+from percept.report.numbers import percentage, short
+from percept.report.sections import (
+    NOTHING,
+    Cell,
+    Columns,
+    Section,
+    Table,
+    of,
+    plus_minus,
+    table_of,
+    value,
+)
+from percept.report.select import METHOD_NAMES, distinct, is_rendered, words_of
+from percept.results import (
+    ChangedVerdict,
+    Coupling,
+    Results,
+    Verdict,
+)
+
+__all__ = ["centrals", "display"]
+
+_RENDERS = {"can": "can be rendered", "cannot": "cannot be rendered", "undecided": "undecided"}
+_BOUNDS = {
+    "stability": "stability",
+    "magnitude": "|Z_h|",
+    "plane": "k and b",
+    "map": "nothing: it counts as rigid",
+}
+
+
+def display(results: Results) -> Section:
+    """Return the section on the device and its coupling."""
+    return Section(
+        "display",
+        "What the device displays",
+        parts=[
+            _rendering(results),
+            _verdicts(results),
+            _equation_ten(results),
+            _couplings(results),
+            _other_devices(results),
+        ],
+        is_folded=True,
+    )
+
+
+def _where(environment: str) -> Columns:
+    """Return the columns that name a display."""
+    return {
+        capitalised(environment): lambda row: row.environment or "a rigid wall",
+        "Displayed": lambda row: RENDERED[row.coupled],
+    }
+
+
+def _rendering(results: Results) -> Section:
+    """Return what the device renders with every hand."""
+    rows = results.rendering or ()
+    if not rows:
+        return Section("rendering", "")
+    words = words_of(results)
+    sentences = [
+        "A sampled loop works out a force from positions and holds it for a sample. Some passive"
+        " hand makes the motion grow unless the device dissipates enough (Colgate and Schenkel"
+        f" 1997). Where it does not, the {words.environment} may chatter, and {words.users} may set"
+        " it wrongly."
+    ]
+    if results.zwidth and results.zwidth.edge:
+        said = (
+            f"With every hand the device renders walls of up to"
+            f" {short(results.zwidth.edge.stiffest, 5)} N/m."
+        )
+        if results.zwidth.likely:
+            stiffest = short(results.zwidth.likely.stiffest, 5)
+            said += f" 95 % of the devices of its posterior render up to {stiffest} N/m."
+        sentences.append(said)
+    columns = _where(words.environment) | {
+        "With every hand": lambda row: _RENDERS[row.verdict],
+        "damping needed (N·s/m)": of("needed_damping"),
+        "margin": of("margin", 3),
+        "binds at ω (rad/s)": of("binding_omega"),
+    }
+    caption = (
+        "Damping that a rigid device needs; margin: what this one dissipates over what is asked."
+    )
+    if rows[0].by_device:
+        columns["probability"] = plus_minus("by_device.probability", "by_device.error")
+        caption += f" Probability over {rows[0].by_device.draws} devices of its posterior."
+    # Without delay and filter every row binds at Nyquist.
+    if len(distinct(rows, "binding_omega")) == 1 < len(rows):
+        del columns["binds at ω (rad/s)"]
+        caption += f" It binds at {short(rows[0].binding_omega, 5)} rad/s."
+    table = table_of(caption, rows, columns, name="rendering")
+    title = "What can be rendered with every hand"
+    return Section("rendering", title, sentences, [table], ["stability"])
+
+
+def centrals(results: Results) -> Table:
+    """Return how probably what can be rendered lies in wider and narrower central ranges."""
+    rows = [
+        row
+        for row in results.verdicts
+        if row.bayesian and is_rendered(results, row.environment, coupled=row.coupled)
+    ]
+    columns = _where(words_of(results).environment)
+    for index, one in enumerate(rows[0].bayesian.by_central if rows and rows[0].bayesian else ()):
+        columns[f"central {percent(one.central)}"] = _at_central(index)
+    caption = (
+        "Probability (Bayesian) that what can be rendered lies among narrower and wider central"
+        f" shares of {words_of(results).users}."
+    )
+    return table_of(caption, rows, columns, name="centrals", csv="verdicts")
+
+
+def _at_central(index: int) -> Callable[[Verdict], Cell]:
+    def cell(row: Verdict) -> Cell:
+        probabilities = row.bayesian.by_central if row.bayesian else ()
+        if index >= len(probabilities):
+            return NOTHING
+        return value(probabilities[index], "probability", digits=3, style="percent")
+
+    return cell
+
+
+def _verdicts(results: Results) -> Section:
+    """Return the verdicts of both methods by parts, and what the paper's rule says."""
+    verdicts = results.verdicts
+    if not verdicts:
+        return Section("verdicts", "")
+    words = words_of(results)
+    first = verdicts[0]
+    sentences = [
+        f"What is displayed feels real if it lies among the central {percent(first.central)} of"
+        f" {words.users} at every ω: |Z_h|, effective stiffness and effective damping. It does from"
+        f" a probability of {percent(first.decision)} on, and does not from one minus that down;"
+        " between them the data do not decide.",
+        f"Wide limits of few {words.subjects} are no evidence: with fewer than"
+        f" {FEWEST_FOR_MAGNITUDE} |Z_h| alone never says “does not”.",
+        *paper_rule(results, words),
+    ]
+    if results.data.form == "summary":
+        sentences.append("Published limits hold no correlation: k and b vary independently here.")
+    title = "Does what is displayed lie among what users set?"
+    return Section("verdicts", title, sentences, [_by_parts(results)])
+
+
+def _by_parts(results: Results) -> Table:
+    """Return probabilities and confidences, and those of each part alone."""
+    rows = results.verdicts
+    words = words_of(results)
+    columns: Columns = {
+        "Displayed": lambda row: f"{row.environment}, {'coupled' if row.coupled else 'directly'}"
+    }
+    caption = "That what is displayed lies there, in all and by parts, at the least favourable ω."
+    if any(row.bayesian for row in rows):
+        columns |= {
+            "Probability (Bayesian)": plus_minus("bayesian.probability", "bayesian.error"),
+            "by |Z_h|": of("bayesian.magnitude", 3, "percent"),
+            "by k and b": of("bayesian.plane", 3, "percent"),
+            "at ω (rad/s)": of("bayesian.lowest_omega", 3),
+        }
+    if "posterior" in results.provenance.scene.get("device", {}):
+        columns["and rendered"] = of("stable_and_real", 3, "percent")
+        caption += " Each draw has a device of its own."
+    if any(row.classical for row in rows):
+        columns |= {
+            "Confidence (classical): k": of("classical.stiffness", 3, "percent"),
+            "b": of("classical.damping", 3, "percent"),
+            "|Z_h|": of("classical.magnitude", 3, "percent"),
+            "at ω, rad/s": of("classical.magnitude_omega", 3),
+            "all parts": plus_minus("classical.together", "classical.together_error"),
+        }
+        refuted = percentage((1.0 - rows[0].decision) / PARTS, 2)
+        caption += (
+            f" A classical “does not” needs a part at {refuted} or below, or half of that if it"
+            f" passes the mean {words.user} over ω; |Z_h| is approximate and needs"
+            f" {FEWEST_FOR_PAIR} {words.subjects}."
+        )
+    needed = [row.more for row in rows if row.more]
+    if needed:
+        columns[f"more {words.subjects}"] = _more
+        caption += (
+            f" So many more {words.subjects} decide with probability {needed[0].assurance:g}."
+        )
+    return table_of(caption, rows, columns, name="verdicts", csv="verdicts")
+
+
+def _more(row: Verdict) -> Cell:
+    """Return how many more subjects would decide."""
+    if row.more is None:
+        return NOTHING
+    if row.more.subjects is None:
+        return ("> ", *value(row.more, "most", style="count"))
+    return value(row.more, "subjects", style="count")
+
+
+def _equation_ten(results: Results) -> Section:
+    """Return what Eq. 10 says of the coupling, and what references become through it."""
+    coupling = results.coupling
+    if coupling is None:
+        return Section("coupling", "")
+    words = words_of(results)
+    columns = {
+        capitalised(words.environment): of("environment"),
+        "stiffness (N/m)": of("effective_stiffness"),
+        "damping (N·s/m)": of("effective_damping"),
+    }
+    caption = (
+        f"What the references become through the coupling at {short(coupling.read_at, 5)} rad/s,"
+        " before hold and delay."
+    )
+    table = table_of(caption, coupling.memberships, columns, csv="memberships")
+    return Section("coupling", "The coupling by the paper’s Eq. 10", [_eq10(coupling)], [table])
+
+
+def _eq10(coupling: Coupling) -> str:
+    """Say whether the coupling meets Eq. 10, and by which margin."""
+    said = (
+        "Eq. 10 asks for absolute stability of two ports joined by velocities. It leaves out that"
+        " sampled forces alias, and does not say what a sampled loop renders. Of the coupling of"
+        f" {coupling.stiffness:g} N/m and {coupling.damping:g} N·s/m it is {coupling.eq10}. It"
+        f" binds at {short(coupling.eq10_omega, 5)} rad/s, where the device has"
+        f" {percentage(coupling.eq10_margin)} of the damping asked for."
+    )
+    if coupling.required_damping is not None:
+        said += f" A rigid device needs {short(coupling.required_damping, 5)} N·s/m."
+    if not coupling.eq10_reason.startswith("The smallest margin"):
+        said += f" {coupling.eq10_reason}"
+    return said
+
+
+def _couplings(results: Results) -> Section:
+    """Return the map of couplings, and its ends."""
+    design = results.design
+    if design is None:
+        return Section("design", "")
+    words = words_of(results)
+    of_which = ", the share of fiducial draws" if design.method == "classical" else ""
+    sentences = [
+        f"A coupling is admissible where the device renders the {words.environment} through it"
+        " with every hand, and the display feels real. Its probability has to lie two Monte Carlo"
+        f" errors above {percent(design.decision)} ({METHOD_NAMES[design.method]}{of_which})."
+        " “None”: every coupling lies two errors below."
+    ]
+    if design.devices:
+        sentences.append(
+            f"Probabilities are products: of being rendered, over {design.devices} devices of the"
+            " posterior, and of feeling real with the device at its point."
+        )
+    lines: list[list[Cell]] = []
+    for row in design.environments:
+        name = (row.name or "all together",)
+        for side, end in (("softest", row.softest), ("stiffest", row.stiffest)):
+            if end is not None:
+                probability = plus_minus("probability", "error")(end)
+                ends = [of("stiffness")(end), of("damping", 4)(end)]
+                lines.append([name, (side,), *ends, probability, (_BOUNDS[end.bound],)])
+        if row.softest is None and row.stiffest is None:
+            outcome = "none" if row.outcome == "none" else "not decided"
+            lines.append([name, (outcome,), *[NOTHING] * 4])
+    heads = [capitalised(words.environment), "Coupling", "k_c (N/m)", "b_c (N·s/m)"]
+    heads += ["Probability", "Bounded by"]
+    caption = "Softest and stiffest admissible coupling, confirmed at every ω; what fails beyond."
+    table = Table(caption, heads, lines, name="design")
+    return Section("design", "Which couplings feel real", sentences, [table], ["design"])
+
+
+def _other_devices(results: Results) -> Section:
+    """Return how verdicts move with another mass or damping of the device."""
+    others = results.sensitivity
+    if others is None:
+        return Section("device", "")
+    columns = _where(words_of(results).environment)
+    for index in range(1, len(others.mass)):
+        changed, unit = (others.mass, "kg") if index < 3 else (others.damping, "N·s/m")
+        columns[f"{short(changed[index], 4)} {unit}"] = _with_device(index)
+    caption = (
+        f"Probability of lying among users with other mass or damping of the device"
+        f" ({METHOD_NAMES[others.method]}, {others.draws} draws). †: cannot be rendered with every"
+        " hand."
+    )
+    table = table_of(caption, others.verdicts, columns, name="device")
+    return Section("device", "Half and 1.5 times the device’s mass and damping", tables=[table])
+
+
+def _with_device(index: int) -> Callable[[ChangedVerdict], Cell]:
+    def cell(row: ChangedVerdict) -> Cell:
+        probability = value(row, "probability", index, digits=3, style="percent")
+        return probability if row.rendered[index] else (*probability, " †")
+
+    return cell
