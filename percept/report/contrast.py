@@ -229,7 +229,6 @@ class Design:
     groups: list[str]  # "12 novice and 11 expert (group)"
     covariates: str
     own_slopes: str  # Covariates of which each subject has a slope
-    own_slopes: str  # Covariates of which each subject has a slope
 
 
 def design_words(results: Results) -> Design:
