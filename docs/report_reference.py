@@ -81,7 +81,10 @@ def _parts(hint: Any) -> Iterator[Any]:
 
 def _table(record: type) -> list[str]:
     """Return a Markdown table of a record's fields."""
-    comments = _comments(record)
+    comments: dict[str, str] = {}
+    for base in reversed(record.__mro__):
+        if dataclasses.is_dataclass(base):
+            comments |= _comments(base)
     hints = typing.get_type_hints(record)
     rows = ["| field | what it is | type |", "|---|---|---|"]
     for field in dataclasses.fields(record):

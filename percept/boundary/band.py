@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import elementwise
 
 from percept.inference.record import Family, Method
-from percept.results import BandLaw, BandStatement, Estimate
+from percept.results import BandLaw, BandStatement, Coefficient
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def band_laws(
         lower, upper = np.quantile(drawn[law], tails, axis=0)
         parameters = {}
         for i, name in enumerate(names):
-            parameters[name] = Estimate(float(values[i]), float(lower[i]), float(upper[i]))
+            parameters[name] = Coefficient(float(values[i]), float(lower[i]), float(upper[i]))
         carried_by = carrier if law == "offset" else None
         size = size_name(whose.parameter)
         left_out_sentence = _error_sentence(law, typical)
@@ -170,7 +170,7 @@ def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> st
 
 def _sentence(
     law: str,
-    parameters: dict[str, Estimate],
+    parameters: dict[str, Coefficient],
     error: str,
     carried_by: str | None,
     size: str,

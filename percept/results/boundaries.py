@@ -80,8 +80,8 @@ class Boundary(NotebookRecord):
 
 
 @dataclasses.dataclass(frozen=True)
-class Estimate(NotebookRecord):
-    """A number with its interval."""
+class Coefficient(NotebookRecord):
+    """A parameter of a law with its interval."""
 
     value: float
     lower: float
@@ -112,7 +112,7 @@ class BandLaw(NotebookRecord):
     family: Family
     parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
     model: str  # "weber": w|Z|, "offset": c + w|Z|, "power": w|Z|^p
-    parameters: dict[str, Estimate]  # By name: c, w, p
+    parameters: dict[str, Coefficient]  # By name: c, w, p
     level: float  # Of the parameters' intervals: of posterior draws, or of a parametric bootstrap
     sentence: str  # What the law says
     left_out_error: float  # Typical error of the logarithm of a band left out

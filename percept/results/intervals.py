@@ -9,55 +9,60 @@ from percept.inference.record import Family, Kind, Method
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class IntervalRow(NotebookRecord):
-    """An interval of one parameter in one environment."""
+class Estimate(NotebookRecord):
+    """What a method says of one number of one quantity: what all tables of estimates share."""
 
-    environment: str
-    parameter: str
-    kind: Kind  # What it covers: the average user, the next user, or a share of all users
+    parameter: str  # The quantity; of a correlation both, as "k, b"
     method: Method
     family: Family  # Distribution between users
-    joint: str  # "marginal", or "bonferroni": widened so that k and b hold together
     level: float  # Confidence or credibility
+    estimate: float  # In `unit`, as the limits
+    lower: float
+    upper: float
+    unit: str  # Empty for a pure number
+    n: int  # Subjects behind it
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class IntervalRow(Estimate):
+    """An interval of one parameter in one environment; its estimate is the users' mean.
+
+    Under the lognormal family that mean is geometric.
+    """
+
+    environment: str
+    kind: Kind  # What it covers: the average user, the next user, or a share of all users
+    joint: str  # "marginal", or "bonferroni": widened so that k and b hold together
     share: float | None  # Of all users, for kind "share"
     confidence: float | None  # For kind "share"
-    lower: float  # In `unit`, as `upper`, `estimate` and `reference`
-    upper: float
-    estimate: float  # Mean (normal) or geometric mean (lognormal) of the users
-    n: int  # Subjects
-    unit: str
-    reference: float | None
+    reference: float | None  # In `unit`
     left_out: int = 0  # Adjustments at the limits of their control, which it does not describe
     covers: str  # The sentence that says what it covers
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ContrastRow(NotebookRecord):
-    """Two levels of a factor, the second against the first; an interaction; or a slope."""
+class ContrastRow(Estimate):
+    """Two levels of a factor, the second against the first; an interaction; or a slope.
+
+    It is a ratio (lognormal, or spread), or a difference. The unit of differences is "references",
+    or the quantity's where one of these is not positive. Within subjects it rests on those with all
+    levels.
+    """
 
     factor: str
     first: str
     second: str
     environment: str | None  # None over all references
     references: tuple[str, ...]  # Environments it rests on
-    parameter: str
     of: str  # "bias", "spread", "interaction", "slope", or "level" for its mean
     kind: Kind | None  # None for spread
-    method: Method
-    family: Family
-    level: float
     share: float | None
     confidence: float | None
-    lower: float  # A ratio (lognormal, or spread), or a difference in `unit`
-    upper: float
-    estimate: float
     #: Limits between which all contrasts of the factor in this quantity and kind lie together.
     lower_together: float | None
     upper_together: float | None
-    unit: str  # Of differences: "references", or the quantity's where one of these is not positive
     p_value: float | None
     within: bool  # Whether each subject has all levels
-    n: int  # Subjects it rests on: within subjects, those with all levels
     of_subjects: int  # Subjects in the study
     of_references: int  # References that the factor has
 

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 
 from percept.html import NotebookRecord
 from percept.inference.record import Family, Method
+from percept.results.intervals import Estimate
 
 #: `docs/methods.md` defines each one.
 Measure: TypeAlias = Literal[
@@ -31,41 +32,23 @@ Equivalence: TypeAlias = Literal["within", "beyond", "too little data"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PsychophysicsRow(NotebookRecord):
-    """One measure of one quantity, by one method."""
+class PsychophysicsRow(Estimate):
+    """One measure of one quantity; SDs are taken on the scale of the family."""
 
     environment: str | None  # None over all environments
     subject: str | None = None  # None of all subjects together
-    parameter: str  # Quantity; of a correlation both, as "k, b"
     measure: Measure
-    method: Method
-    family: Family  # Scale on which SDs are taken; under "lognormal" that of the logarithms
-    level: float  # Confidence or credibility
-    estimate: float  # In `unit`, as the limits and their error
-    lower: float
-    upper: float
     error: float | None  # Monte Carlo standard error of the limits, the larger; None if exact
-    unit: str  # Empty for a pure number
-    n: int  # Subjects behind it
     approximate: bool  # Whether the classical interval holds its level approximately
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PseLineRow(NotebookRecord):
+class PseLineRow(Estimate):
     """Point of subjective equality at one reference, on the line about which environments lie."""
 
-    parameter: str
     condition: str  # Levels of all factors; empty without factors
-    method: Method
-    family: Family
-    level: float
-    reference: float  # In `unit`, as all numbers after it
-    estimate: float
-    lower: float
-    upper: float
-    error: float | None  # Monte Carlo standard error of `lower` and `upper`, the larger
-    unit: str
-    n: int  # Subjects behind it
+    reference: float  # In `unit`
+    error: float | None  # Monte Carlo standard error of the limits, the larger
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
