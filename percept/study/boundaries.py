@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,6 +73,99 @@ class _Frame:
     coupled: Array | None  # (M,) through the coupling, N·s/m
 
 
+class _LawCurves:
+    """Limits of abs(Z_h) of one law at frequencies (M,), rad/s.
+
+    The level of a simultaneous band is that of the environment's own grid, `on_grid`; None there.
+    Bayesian limits average over the device's posterior. A classical level counts repetitions of the
+    study, and a posterior has none.
+    """
+
+    def __init__(
+        self, setup: Setup, law: Law, omega: Array, on_grid: _LawCurves | None = None
+    ) -> None:
+        self.law = law
+        self.omega = omega
+        self._setup = setup
+        self._on_grid = on_grid or self
+        mass = float(setup.references[law.environment].mass)
+        self._magnitude = Magnitude(law.pair, setup.loop, omega, mass=mass)
+
+    @cached_property
+    def level(self) -> SimultaneousLevel:
+        """Level of a simultaneous band, the device at its point."""
+        if self._on_grid is not self:
+            return self._on_grid.level
+        return simultaneous_level(self._magnitude, self.law.level)
+
+    @cached_property
+    def _devices(self) -> DeviceCurves | None:
+        if self._setup.draws is None or self.law.method == "classical":
+            return None
+        return DeviceCurves(self._setup, self.law, self.omega)
+
+    @cached_property
+    def widening(self) -> float:
+        """By how many SDs the device's posterior moves the level of a band out."""
+        if self._on_grid is not self:
+            return self._on_grid.widening
+        if self._devices is None:
+            return 0.0
+        least = score_of(self.law.level) - score_of(self.level.level)
+        return max(self._devices.widening(self.law.level), least)
+
+    @property
+    def pointwise_level(self) -> float:
+        """Level of a simultaneous band at single frequencies."""
+        level = self.level.level
+        return level_of(score_of(level) + self.widening) if self.widening else level
+
+    @cached_property
+    def pointwise(self) -> MagnitudeLimits:
+        """Limits at single frequencies."""
+        limits = self._magnitude.limits(self.law.level)
+        if self._devices is None:
+            return limits
+        return self._devices.averaged(limits, score_of(self.law.level))
+
+    @cached_property
+    def simultaneous(self) -> MagnitudeLimits:
+        """Limits between which whole curves lie; RefusalError where there are none."""
+        law = self.law
+        if law.method == "classical":
+            # What holds (k, b) holds the whole curve. A calibrated level of the t law covers too
+            # little: 87 % of users where 90 % is stated.
+            if law.region is None:
+                raise RefusalError("the subjects' values give no ellipse.")
+            around = self._setup.outline(law.region, "envelope", self.omega)
+            return self.pointwise.joined(MagnitudeLimits(*around))
+        limits = self._magnitude.limits(self.level.level, self.level.shifts)
+        if self._devices is None:
+            return limits
+        score = score_of(self.level.level)
+        return self._devices.averaged(limits, score, self.widening).joined(self.pointwise)
+
+    def finished(self) -> _LawCurves:
+        """Work out both limits where there are any, and let go of what takes 30 MB."""
+        with suppress(RefusalError):
+            _ = self.pointwise, self.simultaneous
+        vars(self).pop("_devices", None)
+        return self
+
+    def refusal(self, shape: Shape, most: float) -> str:
+        """Say why curves are not drawn: no limits, or an error beyond `most`; empty if they are."""
+        try:
+            error = relative_error(self.omega, getattr(self, shape))
+        except RefusalError as refused:
+            return refused.message.removesuffix(".")
+        if error is None or error <= most:
+            return ""
+        return (
+            f"their Monte Carlo error is {error:.2g} of the half-width,"
+            f" and curves are drawn up to {most:.2g}"
+        )
+
+
 class BoundaryDrawing:
     """Boundaries of environments over a range, each environment's on one grid of its own.
 
@@ -102,12 +197,7 @@ class BoundaryDrawing:
         self._table = table
         self._largest_error = _MOST_TOLERANCES * tolerance
         self._grids: dict[str, Array] = {}
-        self._on_grid: dict[Law, Magnitude] = {}
-        self._levels: dict[Law, SimultaneousLevel] = {}
-        self._widenings: dict[Law, float] = {}
-        # Of the last law alone: they take 30 MB.
-        self._last_curves: tuple[Law, DeviceCurves] | None = None
-        self._refused: dict[Law, dict[Shape, Skipped]] = {}
+        self._on_grid: dict[Law, _LawCurves] = {}
 
     def at(
         self,
@@ -133,7 +223,13 @@ class BoundaryDrawing:
     @property
     def skipped(self) -> list[Skipped]:
         """Curves of laws that are not drawn, and why."""
-        return [skipped for law in self._laws for skipped in self._refusals(law).values()]
+        found = []
+        for law in self._laws:
+            for shape in _LAW_SHAPES:
+                reason = self._curves(law).refusal(shape, self._largest_error)
+                if reason:
+                    found.append(Skipped(_name(law, shape), reason))
+        return found
 
     def grid(self, environment: str) -> Array:
         """Return the frequencies that all curves of an environment are drawn at, rad/s."""
@@ -159,6 +255,13 @@ class BoundaryDrawing:
 
         return drawing_grid(curves, lower, upper, self._setup.resonances(environment))
 
+    def _curves(self, law: Law) -> _LawCurves:
+        """Return a law's curves on the grid of its environment."""
+        if law not in self._on_grid:
+            curves = _LawCurves(self._setup, law, self.grid(law.environment))
+            self._on_grid[law] = curves.finished()
+        return self._on_grid[law]
+
     def _frame(self, environment: str, omega: Array | None) -> _Frame:
         grid = self.grid(environment) if omega is None else omega
         reference = self._setup.curve(environment, grid, coupled=False)
@@ -174,117 +277,20 @@ class BoundaryDrawing:
 
     def _of_law(self, law: Law, frame: _Frame) -> Iterator[Boundary]:
         """Yield the limits at single frequencies, and those between which whole curves lie."""
+        curves = on_grid = self._curves(law)
+        if frame.omega is not on_grid.omega:
+            curves = _LawCurves(self._setup, law, frame.omega, on_grid)
         for shape in _LAW_SHAPES:
-            if shape in self._refusals(law):
+            if on_grid.refusal(shape, self._largest_error):
                 continue
-            limits = self._limits(law, shape, frame.omega)
-            boundary = _boundary(law, "joint", shape, limits, frame)
+            boundary = _boundary(law, "joint", shape, getattr(curves, shape), frame)
             if shape == "simultaneous" and law.method == "bayesian":
-                level = self._level(law)
                 boundary = dataclasses.replace(
                     boundary,
-                    pointwise_level=self._pointwise_level(law),
-                    pointwise_level_error=level.error,
+                    pointwise_level=curves.pointwise_level,
+                    pointwise_level_error=curves.level.error,
                 )
             yield boundary
-
-    def _refusals(self, law: Law) -> dict[Shape, Skipped]:
-        """Return why shapes of a law's curves are not drawn, judged on the environment's grid."""
-        if law not in self._refused:
-            refused: dict[Shape, Skipped] = {}
-            for shape in _LAW_SHAPES:
-                reason = self._refusal(law, shape)
-                if reason:
-                    refused[shape] = Skipped(_name(law, shape), reason)
-            self._refused[law] = refused
-        return self._refused[law]
-
-    def _refusal(self, law: Law, shape: Shape) -> str:
-        omega = self.grid(law.environment)
-        try:
-            limits = self._limits(law, shape, omega)
-        except RefusalError as refused:
-            return refused.message.removesuffix(".")
-        error = relative_error(omega, limits)
-        if error is None or error <= self._largest_error:
-            return ""
-        return (
-            f"their Monte Carlo error is {error:.2g} of the half-width,"
-            f" and curves are drawn up to {self._largest_error:.2g}"
-        )
-
-    def _limits(self, law: Law, shape: Shape, omega: Array) -> MagnitudeLimits:
-        """Return the limits (M,) of a law in a shape; RefusalError where there are none.
-
-        Bayesian ones average over the device's posterior. A classical level counts repetitions of
-        the study, and a posterior has none.
-        """
-        limits = self._limits_at_point(law, shape, omega)
-        if self._setup.draws is None or law.method == "classical":
-            return limits
-        curves = self._device_curves(law, omega)
-        if shape == "pointwise":
-            return curves.averaged(limits, score_of(law.level))
-        score = score_of(self._level(law).level)
-        averaged = curves.averaged(limits, score, self._widening(law))
-        return averaged.joined(self._limits(law, "pointwise", omega))
-
-    def _device_curves(self, law: Law, omega: Array) -> DeviceCurves:
-        if omega is not self.grid(law.environment):
-            return DeviceCurves(self._setup, law, omega)
-        if self._last_curves is None or self._last_curves[0] is not law:
-            self._last_curves = law, DeviceCurves(self._setup, law, omega)
-        return self._last_curves[1]
-
-    def _widening(self, law: Law) -> float:
-        """Return by how many SDs the device's posterior moves the level of a band out."""
-        if self._setup.draws is None:
-            return 0.0
-        if law not in self._widenings:
-            curves = self._device_curves(law, self.grid(law.environment))
-            least = score_of(law.level) - score_of(self._level(law).level)
-            self._widenings[law] = max(curves.widening(law.level), least)
-        return self._widenings[law]
-
-    def _pointwise_level(self, law: Law) -> float:
-        """Return the level of a simultaneous band at single frequencies."""
-        level = self._level(law).level
-        widening = self._widening(law)
-        return level_of(score_of(level) + widening) if widening else level
-
-    def _limits_at_point(self, law: Law, shape: Shape, omega: Array) -> MagnitudeLimits:
-        """Return limits with the device at its point."""
-        magnitude = self._magnitude(law, omega)
-        if shape == "pointwise":
-            return magnitude.limits(law.level)
-        if law.method == "bayesian":
-            level = self._level(law)
-            return magnitude.limits(level.level, level.shifts)
-        # What holds (k, b) holds the whole curve. A calibrated level of the t law covers too
-        # little: 87 % of users where 90 % is stated.
-        region = law.region
-        if region is None:
-            raise RefusalError("the subjects' values give no ellipse.")
-        lower, upper = self._setup.outline(region, "envelope", omega)
-        return magnitude.limits(law.level).joined(MagnitudeLimits(lower, upper))
-
-    def _level(self, law: Law) -> SimultaneousLevel:
-        """Return the level of a simultaneous band over the environment's grid."""
-        if law not in self._levels:
-            magnitude = self._magnitude(law, self.grid(law.environment))
-            self._levels[law] = simultaneous_level(magnitude, law.level)
-        return self._levels[law]
-
-    def _magnitude(self, law: Law, omega: Array) -> Magnitude:
-        if omega is self.grid(law.environment):
-            if law not in self._on_grid:
-                self._on_grid[law] = self._new_magnitude(law, omega)
-            return self._on_grid[law]
-        return self._new_magnitude(law, omega)
-
-    def _new_magnitude(self, law: Law, omega: Array) -> Magnitude:
-        mass = float(self._setup.references[law.environment].mass)
-        return Magnitude(law.pair, self._setup.loop, omega, mass=mass)
 
 
 def _boundary(

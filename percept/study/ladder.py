@@ -12,16 +12,12 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import RefusalError
+from percept.inference.model.limits import limits_of
 from percept.inference.record import Kind
-from percept.inference.sampling.diagnostics import (
-    autocorrelation_time,
-    monte_carlo_error,
-    thin_walkers,
-)
 from percept.results import IntervalRow, Ladder, LadderEffect
 from percept.scene import InferenceTable, Scene
 from percept.study.data import Data
-from percept.study.fit import Fit, estimands_of, fit_of, sampled
+from percept.study.fit import Fit, fit_of, sampled
 from percept.study.prepare import modelled_together, prepare, prepare_apart
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
@@ -166,27 +162,19 @@ def _subject_means(data: Data) -> pd.DataFrame:
 
 
 def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
-    """Limits of a fit, with errors of log width and midpoint by the draws' influence on both."""
-    scale = fit.scale
+    """Limits of a fit, with the errors that those of both limits leave to width and midpoint."""
     found = {}
-    parts = estimands_of(fit.model, asked).estimates(fit.moments.pack())
-    for kind, (_, influence) in zip(asked.kinds, parts, strict=True):
-        lower, upper = fit.limits[kind]
-        pulls = influence.reshape(*fit.run.points.shape[:3], 2, -1) * scale.unit
-        if scale.log:
-            pulls *= np.stack([lower, upper])
-        on_lower = pulls[..., 0, :]
-        on_upper = pulls[..., 1, :]
-        width = upper - lower
-        centre = 0.5 * (lower + upper)
-        on_width = (on_upper - on_lower) / width
-        on_centre = 0.5 * (on_lower + on_upper)
-        series = np.concatenate([on_width, on_centre], axis=-1)
-        time = autocorrelation_time(thin_walkers(series))
-        errors = monte_carlo_error(series, time).reshape(2, -1)
-        values = np.stack([width, centre, *errors], axis=1).tolist()
+    names = fit.run.estimates.names
+    for kind in asked.kinds:
+        limits = np.stack(fit.limits[kind])
+        errors = np.stack(limits_of(names, fit.run.errors, kind, fit.model.cells)) * fit.scale.unit
+        if fit.scale.log:
+            errors = errors * limits
+        error = np.hypot(*errors)
+        width = limits[1] - limits[0]
+        values = np.stack([width, limits.mean(axis=0), error / width, 0.5 * error], axis=1)
         for (parameter, environment), c in fit.column.items():
-            found[environment, parameter, kind] = _Interval(*values[c])
+            found[environment, parameter, kind] = _Interval(*values[c].tolist())
     return found
 
 
