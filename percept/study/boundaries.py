@@ -88,8 +88,11 @@ class _LawCurves:
         self.omega = omega
         self._setup = setup
         self._on_grid = on_grid or self
-        mass = float(setup.references[law.environment].mass)
-        self._magnitude = Magnitude(law.pair, setup.loop, omega, mass=mass)
+        self._magnitude = self._new_magnitude()
+
+    def _new_magnitude(self) -> Magnitude:
+        mass = float(self._setup.references[self.law.environment].mass)
+        return Magnitude(self.law.pair, self._setup.loop, self.omega, mass=mass)
 
     @cached_property
     def level(self) -> SimultaneousLevel:
@@ -139,7 +142,10 @@ class _LawCurves:
                 raise RefusalError("the subjects' values give no ellipse.")
             around = self._setup.outline(law.region, "envelope", self.omega)
             return self.pointwise.joined(MagnitudeLimits(*around))
-        limits = self._magnitude.limits(self.level.level, self.level.shifts)
+        # The search for the level has solved for many scores, and interpolates between them. A
+        # single one before would be too few.
+        magnitude = self._magnitude if self._on_grid is self else self._new_magnitude()
+        limits = magnitude.limits(self.level.level, self.level.shifts)
         if self._devices is None:
             return limits
         score = score_of(self.level.level)
