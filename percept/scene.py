@@ -24,7 +24,7 @@ from percept.errors import UsageError
 from percept.html import fields_html
 from percept.scene_device import CouplingTable, DeviceTable, ModeTable, Positive
 from percept.sessions.formula import Term, model_terms, terms_of
-from percept.sessions.options import DataTables, said
+from percept.sessions.options import DataTables, usage_error
 from percept.sessions.quantities import Table, amount_in, is_impedance, known_key
 
 __all__ = [
@@ -295,7 +295,7 @@ class Scene(DataTables):
         try:
             super().__init__(**tables)
         except ValidationError as error:
-            raise said(error) from error
+            raise usage_error(error) from error
 
     @model_validator(mode="before")
     @classmethod

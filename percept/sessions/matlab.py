@@ -55,12 +55,12 @@ def variables(data: bytes, file: str, limits: FileLimits) -> _Variables:
     return _of_earlier(data, file, limits)
 
 
-def tables(found: _Variables) -> list[str]:
+def tables(found: _Variables, file: str, limits: FileLimits) -> list[str]:
     """Name the variables that are tables; none where vectors of one length have more rows."""
     names = [name for name, value in found.items() if not _is_vector(value)]
     lengths = [value.size for name, value in found.items() if name not in names]
     repeated = [length for length in lengths if lengths.count(length) > 1]
-    rows = [max(map(len, columns(found[name]).values()), default=0) for name in names]
+    rows = [max(map(len, columns(found[name], file, limits).values()), default=0) for name in names]
     return [] if repeated and rows and max(repeated) > max(rows) else names
 
 
@@ -73,19 +73,22 @@ def vectors(found: _Variables) -> dict[str, Sequence[Any]]:
     }
 
 
-def columns(value: Any) -> dict[str, Sequence[Any]]:
+def columns(value: Any, file: str, limits: FileLimits) -> dict[str, Sequence[Any]]:
     """Columns of a struct, of an array of structs, or of a matrix."""
     if isinstance(value, list):
-        return _below_one_another(value)
+        return _below_one_another(value, file, limits)
     if not isinstance(value, dict):
         stood = value.T if value.ndim == 2 else [value]
         value = {f"column {number}": column for number, column in enumerate(stood, 1)}
     return {name: [plain(item) for item in _cells(column)] for name, column in value.items()}
 
 
-def _below_one_another(structs: Sequence[_Variables]) -> dict[str, Sequence[Any]]:
+def _below_one_another(
+    structs: Sequence[_Variables], file: str, limits: FileLimits
+) -> dict[str, Sequence[Any]]:
     """Columns of an array of structs; where a struct holds vectors, its single values repeat."""
     table: dict[str, list[Any]] = {name: [] for name in structs[0]}
+    total = 0
     for number, struct_ in enumerate(structs, 1):
         fields = {name: list(map(plain, _cells(struct_[name]))) or [""] for name in table}
         lengths = {len(cells) for cells in fields.values()} - {1}
@@ -94,6 +97,8 @@ def _below_one_another(structs: Sequence[_Variables]) -> dict[str, Sequence[Any]
             message = f"the vectors of struct {number} have different lengths: {shapes}"
             raise ValueError(message)
         rows = max(lengths, default=1)
+        total += rows
+        limits.hold_table(total, len(table), file)
         for name, cells in fields.items():
             table[name] += cells if len(cells) == rows else cells * rows
     return dict(table)

@@ -47,7 +47,7 @@ _PLAIN = {
 }
 
 
-def said(error: ValidationError) -> UsageError:
+def usage_error(error: ValidationError) -> UsageError:
     """Say the first thing that is wrong with the keys of a table, unknown ones before all else."""
     problems = error.errors(include_url=False)
     for problem in problems:
@@ -375,7 +375,7 @@ class ReadOptions(DataTables):
         try:
             super().__init__(**options)
         except ValidationError as error:
-            raise said(error) from error
+            raise usage_error(error) from error
 
     @classmethod
     def of(cls, scene: DataTables | None) -> ReadOptions:

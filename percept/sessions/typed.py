@@ -364,12 +364,12 @@ def _database(entry: Input, limits: FileLimits) -> _Table:
 def _matlab(entry: Input, limits: FileLimits) -> _Table:
     """Read a struct of columns, an array of structs, a matrix, or vectors of one length."""
     found = matlab.variables(entry.data, entry.name, limits)
-    tables = matlab.tables(found)
+    tables = matlab.tables(found, entry.name, limits)
     if entry.part is None and not tables:
         table = matlab.vectors(found)
     else:
         name = _chosen(tables if entry.part is None else list(found), entry)
-        table = matlab.columns(found[name])
+        table = matlab.columns(found[name], entry.name, limits)
     return _side_by_side(table, entry, limits)
 
 

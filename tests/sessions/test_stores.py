@@ -191,6 +191,8 @@ def test_structs_that_hold_vectors_are_melted(tmp_path):
     path = tmp_path / "m.mat"
     savemat(path, {"S": per_subject()})
     same_as_frame(path)
+    # Single values repeat: 15 cells in the file are 24 in the table.
+    assert "more than 20 cells." in refusal(path, files={"cells": 20})
     savemat(path, {"study": {"info": {"date": "2024-05-01"}, "trials": columns()}})
     assert "several tables; there are 'study.info', 'study.trials'." in refusal(path)
     same_as_frame(f"{path}::study.trials")
