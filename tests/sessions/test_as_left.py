@@ -204,18 +204,6 @@ def test_many_duplicates_are_one_problem_and_few_are_named(tmp_path):
     assert 'keep = "last" would keep 2 rows' in many.hint
 
 
-def test_many_rows_with_another_reference_are_one_problem(tmp_path):
-    text = HEAD + "1,a,10,11\n" + "".join(f"{s},a,20,21\n" for s in range(2, 12)) + "12,a,10,12\n"
-    error = refusal(tmp_path, text)
-    assert error.total == 1
-    assert (error.row, error.column, error.value) == (3, "k_ref", 20.0)
-    assert (
-        "has the reference 10.0 in an earlier row; 10 rows have another, here the first."
-        in error.message
-    )
-    assert 'environment = ["…", "…"]' in error.hint
-
-
 def test_what_the_last_event_leaves_out_is_counted(tmp_path):
     text = HEAD + "".join(f"{s},a,10,{10 + r}\n" for s in (1, 2) for r in range(25))
     found = read(tmp_path, text, sessions={"keep": "last"})

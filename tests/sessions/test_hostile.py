@@ -73,6 +73,18 @@ def test_bombs_are_cut_off(tmp_path):
             read_sessions(tmp_path / bomb, scene=scene)
 
 
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [({"rows": 3}, "3 rows"), ({"cells": 15}, "15 cells"), ({"size": 50}, "50 bytes")],
+)
+def test_plain_text_meets_the_limits_of_all_files(tmp_path, limits, message):
+    file = tmp_path / "f.csv"
+    file.write_text(HEAD + "".join(f"{s},a,10,1{s}\n" for s in range(4)))
+    (limit,) = limits
+    with pytest.raises(UsageError, match=rf"more than {message}\..*\[files\] {limit} ="):
+        read_sessions(file, scene=Scene(files=limits))
+
+
 def test_many_members_of_an_archive_count_together(tmp_path):
     with zipfile.ZipFile(tmp_path / "f.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for number in range(30):

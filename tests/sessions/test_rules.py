@@ -241,14 +241,6 @@ def test_numbers_and_letters_that_look_alike_are_said_with_their_rows(tmp_path):
     assert f"subject 'nan' ({file}:6) is taken as a name: is it a missing value?" in texts
 
 
-def test_duplicates_name_both_rows(tmp_path):
-    error = refusal(tmp_path, HEAD + "1,a,10,1,1,11,1\n2,a,10,1,1,11,1\n1,a,10,1,1,12,1\n")
-    assert "is already in" in str(error)
-    assert "f.csv:2" in error.message
-    assert error.row == 4
-    assert 'keep = "last"' in str(error)
-
-
 def test_problems_beyond_a_thousand_are_counted(tmp_path):
     error = refusal(tmp_path, HEAD + "".join(f"1,a,10,1,{t},x,1\n" for t in range(1499)))
     assert str(error).startswith("1499 problems:")

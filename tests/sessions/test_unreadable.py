@@ -116,13 +116,6 @@ def test_units_of_a_summary(tmp_path):
         read_sessions(tmp_path / "t.csv", scene=options)
 
 
-def test_one_missing_column_is_said_once(tmp_path):
-    (tmp_path / "t.csv").write_text("k_ref,b_ref\n10,1\n")
-    with pytest.raises(UsageError) as caught:
-        read_sessions(tmp_path / "t.csv")
-    assert "no column for subject and k_adj (or b_adj);" in str(caught.value)
-
-
 def test_utf_16_without_a_mark_asks_for_the_byte_order(tmp_path):
     path = tmp_path / "t.csv"
     path.write_bytes(ROWS.decode().encode("utf-16-le"))

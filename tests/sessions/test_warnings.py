@@ -95,14 +95,6 @@ def test_rows_of_a_filtered_table_keep_their_places(tmp_path):
     assert (kept.warnings[0].row, kept.warnings[0].column) == (10, "k_adj")
 
 
-def test_validate_says_them(tmp_path):
-    path = tmp_path / "s.csv"
-    path.write_text("\n".join([HEADER, *CLEAN[:-1]]) + "\n")
-    assert (
-        "notice: 1 cell has no trial: '4 at hard'" in format_validation(validate(path)).splitlines()
-    )
-
-
 def test_every_one_of_many_slips_is_named(tmp_path):
     rows = [
         f"{s},hard,2000,10,{100_000 + s if s > 21 else 2200 + s},{9 + s / 40}" for s in range(1, 34)
