@@ -10,10 +10,8 @@ from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from reports.studies import Array, Observed, model_of
 
-KINDS = ("mean", "user", "share")
+KINDS = ("mean", "user")
 LEVEL = 0.99
-SHARE = 0.99
-CONFIDENCE = 0.95
 _MOST_STEPS = 2_000_000  # So that only the tolerance ends a run
 
 
@@ -21,8 +19,8 @@ _MOST_STEPS = 2_000_000  # So that only the tolerance ends a run
 class Fitted:
     """One run of a sampler: limits on the response scale, and what it took."""
 
-    value: Array  # (3, 2, C) Kinds, lower and upper, cells (parameter-major)
-    error: Array  # (3, 2, C) Monte Carlo standard errors
+    value: Array  # (2, 2, C) Kinds, lower and upper, cells (parameter-major)
+    error: Array  # (2, 2, C) Monte Carlo standard errors
     effective: float  # Effective draws of the slowest quantity behind them
     seconds: float  # Wall time of sampling and of the limits, without compiling
     notes: dict[str, float]  # What its user would look at: divergences, acceptance, steps
@@ -69,5 +67,4 @@ def by_percept(study: Observed, tolerance: float, seed: int) -> Fitted:
 
 def estimands_of(study: Observed) -> Limits:
     """Return the limits that are compared."""
-    model = model_of(study)
-    return Limits(model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE)
+    return Limits(model_of(study), kinds=KINDS, level=LEVEL)

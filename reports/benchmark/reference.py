@@ -18,12 +18,13 @@ import numpy as np
 
 from percept.errors import RefusalError
 from percept.results.plain import plain
-from reports.benchmark.simulated import study_of
+from reports.benchmark import designs
+from reports.benchmark.simulated import published
 from reports.fitted import by_percept
 from reports.page import Page, say, store
-from reports.studies import Array
+from reports.studies import Array, Observed
 
-#: Studies compared, and what each is. The second part is simulated.
+#: Studies compared, and what each is. All but the published one are simulated.
 STUDIES = {
     "published": "10 subjects, 5 environments, one trial; k and b",
     "published-k": "10 subjects, 5 environments, one trial; k alone",
@@ -31,38 +32,43 @@ STUDIES = {
         "24 subjects, 12 environments, 3 trials; scatter between subjects a fifth of the trials'"
     ),
     "20x100x1": "20 subjects, 100 environments, one trial; k and b",
+    "24x8-irregular": "24 subjects, 8 environments, 1 to 4 trials, a fifth of the cells missing",
+    "two factors with interaction": "6 subjects, 2 environments, two factors",
+    "subjects' own trial SDs": "6 subjects, 2 environments, a factor, 4 trials",
 }
 FILE = Path(__file__).with_name("reference.json")
 TOLERANCE = 0.005  # Of each run: the pool's error is a fifth of that
+
+
+def study_of(name: str) -> Observed:
+    """Return one of the studies."""
+    if name.startswith("published"):
+        return published(("k",) if name == "published-k" else ("k", "b"))
+    return designs.study_of(name, 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
     """Limits of one study pooled over independent runs."""
 
-    value: Array  # (3, 2, C)
-    error: Array  # (3, 2, C)
-    effective: float  # Effective draws of the slowest quantity, over all runs
-    runs: int  # Runs pooled
+    value: Array  # (2, 2, C)
+    error: Array  # (2, 2, C)
     scatter: float  # SD of the runs over what each claims
 
     @classmethod
     def pooled(cls, rows: Sequence[dict[str, object]]) -> Self:
-        """Pool runs of equal length, each a mapping with value, error and effective."""
+        """Pool runs of equal length, each a mapping with value and error."""
         values = np.array([row["value"] for row in rows])
         errors = np.array([row["error"] for row in rows])
-        effective = np.array([row["effective"] for row in rows], dtype=float)
         count = len(rows)
         value = values.mean(axis=0)
         claimed = np.sqrt((errors**2).mean(axis=0))
-        scatter = math.nan
-        if count > 1:
-            squares = ((values - value) / claimed) ** 2
-            scatter = math.sqrt(squares.sum() / ((count - 1) * value.size))
-        return cls(value, claimed / math.sqrt(count), float(effective.sum()), count, scatter)
+        squares = ((values - value) / claimed) ** 2
+        scatter = math.sqrt(squares.sum() / ((count - 1) * value.size))
+        return cls(value, claimed / math.sqrt(count), scatter)
 
     def relative_error(self, value: Array) -> float:
-        """Return the root mean square error of limits (3, 2, C) over their half-widths."""
+        """Return the root mean square error of limits (2, 2, C) over their half-widths."""
         half_width = 0.5 * (self.value[:, 1:] - self.value[:, :1])
         return float(np.sqrt(np.mean(((value - self.value) / half_width) ** 2)))
 
@@ -75,12 +81,11 @@ def stored_reference(study: str, file: Path = FILE) -> Reference:
             "there are no reference limits of this study.",
             file=str(file),
             value=study,
-            hint=f"Make them: python -m reports reference --studies {study} --out DIR.",
+            hint="Make them: python -m reports reference --out reports/benchmark.",
         )
     fields = references[study]
-    value = np.array(fields.pop("value"))
-    error = np.array(fields.pop("error"))
-    return Reference(value, error, **fields)
+    value = np.array(fields["value"])
+    return Reference(value, np.array(fields["error"]), fields["scatter"])
 
 
 def page(out: Path, *, studies: tuple[str, ...] = tuple(STUDIES), runs: int = 30) -> Page:
@@ -99,24 +104,23 @@ def page(out: Path, *, studies: tuple[str, ...] = tuple(STUDIES), runs: int = 30
     -------
     Page
     """
-    references = {}
+    file = out / FILE.name
+    references = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
     rows = []
     for study in studies:
         progress = partial(_say, study)
         kept = store(out, f"{study} {TOLERANCE}")
         found = Reference.pooled(kept.complete(partial(_run, study), runs, progress=progress))
         references[study] = plain(found)
-        error = found.relative_error(found.value + found.error)
-        rows.append([study, found.runs, found.effective, found.scatter, error])
-    written = json.dumps(references) + "\n"
-    (out / FILE.name).write_text(written, encoding="utf-8")
+        rows.append([study, found.scatter, found.relative_error(found.value + found.error)])
+    file.write_text(json.dumps(references) + "\n", encoding="utf-8")
     page = Page(
         "Reference limits",
-        f"Independent runs of percept, each to an error of {TOLERANCE:.1%} of the half-width."
-        " `scatter` is their SD over what each claims, `error` that of their mean over the"
-        " half-width.",
+        f"{runs} independent runs of percept, each to an error of {TOLERANCE:.1%} of the"
+        " half-width. `scatter` is their SD over what each claims, `error` that of their mean over"
+        " the half-width.",
     )
-    page.table(["study", "runs", "effective draws", "scatter", "error"], rows)
+    page.table(["study", "scatter", "error"], rows)
     return page
 
 

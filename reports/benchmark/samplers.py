@@ -17,8 +17,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from percept.errors import UsageError
-from reports.benchmark.reference import STUDIES, TOLERANCE, Reference, stored_reference
-from reports.benchmark.simulated import study_of
+from reports.benchmark.reference import (
+    STUDIES,
+    TOLERANCE,
+    Reference,
+    stored_reference,
+    study_of,
+)
 from reports.fitted import Fitted, by_percept
 from reports.measure import in_a_process
 from reports.page import Page, say
@@ -31,14 +36,15 @@ Run: TypeAlias = dict[str, Any]
 
 #: Errors over half-width at which times are compared.
 LEVELS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
-_NUTPIE_WARM_UP = 400  # Draws, as its users take them
 _OURS = "percept"
 _INTRODUCTION = """\
 One hierarchical model, the same priors: every engine gives the same interval limits. percept
 integrates every location and subject effect out and reads its limits off a mixture of normal laws;
 emcee's own moves sample that density too. nutpie has the model written plainly, and its limits are
 quantiles of raw draws, as its users take them. The error of a run is the root mean square
-difference of its limits from reference limits, over each interval's half-width."""
+difference of its limits from reference limits, over each interval's half-width. A budget is
+percept's tolerance, emcee's steps of 256 walkers or of twice the coordinates, and nutpie's draws of
+each of 4 chains."""
 _MEASURED = """\
 Medians over repeats. `cold` adds what the first run of a process takes beyond a later one: imports,
 building, compiling. `agreement` is the root mean square of the differences from the reference over
@@ -55,7 +61,6 @@ class Engine:
     """One way to sample the model."""
 
     title: str
-    unit: str  # What a budget counts
     budgets: tuple[tuple[float, int], ...]  # Size and repeats of a full run, smallest first
     quick: float  # Size that is enough to see that it works
     needs: str  # Package that it is imported from
@@ -64,21 +69,18 @@ class Engine:
 ENGINES = {
     "percept": Engine(
         "percept",
-        "tolerance",
         ((0.1, 5), (0.03, 20), (0.02, 5), (0.01, 20), (0.005, 5), (0.003, 20), (0.001, 2)),
         0.1,
         "percept",
     ),
     "emcee": Engine(
         "emcee's stretch moves on percept's density",
-        "steps of 256 walkers, or of twice the coordinates",
         ((1000, 5), (4000, 5), (16000, 3), (64000, 1)),
         200,
         "emcee",
     ),
     "nutpie": Engine(
         "nutpie, written plainly",
-        "draws per chain, 4 chains",
         ((250, 5), (1000, 15), (4000, 3), (16000, 1)),
         50,
         "nutpie",
@@ -96,8 +98,7 @@ def sampler_of(engine: str, study: Observed) -> Sampler:
         return emcee.sampler(study)
     from reports.peers import nutpie
 
-    fit = nutpie.sampler(study, centred=True)
-    return partial(fit, tune=_NUTPIE_WARM_UP, cores=os.cpu_count())
+    return nutpie.sampler(study)
 
 
 def runs_of(
@@ -295,13 +296,13 @@ def written(
             reached.append([study, ENGINES[engine].title, *ratio_cells(group, ours)])
             for row in group:
                 told = list(asdict(row).values())
-                rows.append([study, engine, row.size, ENGINES[engine].unit, *told[3:]])
+                rows.append([study, engine, *told[2:]])
     page.add("## Where percept does not win")
     page.add("\n".join(slower) or "Nowhere in this run: every other engine took longer.")
     page.add(f"## Time to a given error\n\n{_REACHED}")
     page.table(["study", "engine", *(f"{level:.1%}" for level in LEVELS)], reached)
     page.add(f"## Everything measured\n\n{_MEASURED}")
-    heads = ["study", "engine", "budget", "unit", "repeats", "warm, s", "cold, s", "processor, s"]
+    heads = ["study", "engine", "budget", "repeats", "warm, s", "cold, s", "processor, s"]
     heads += ["error", "effective draws per s", "agreement", "divergences"]
     page.table(heads, rows)
     page.add(

@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from percept.errors import UsageError
 from percept.sessions import read_sessions
 from percept.simulate.model import Design, Hyperparameters, draw_environments, draw_responses
 from reports import dataset
@@ -29,7 +28,6 @@ class StudyDesign:
     parameters: tuple[Literal["k", "b"], ...] = ("k", "b")
     correlation: float = 0.3  # Of stiffness and damping at every level
     outlier: float = 1.0  # Factor on every adjustment of the first subject
-    peer: bool = True  # Whether nutpie's compilation and sampling fit in its time
 
 
 def _designs() -> dict[str, StudyDesign]:
@@ -116,13 +114,3 @@ def published(parameters: tuple[str, ...]) -> Observed:
     x = decades - decades.mean(axis=0)
     response = np.log(adjusted / reference)
     return Observed(parameters, response, subject, cell, np.arange(len(first)), x.T)
-
-
-def study_of(name: str) -> Observed:
-    """Return the published study, or the first one of a design; UsageError for another name."""
-    if name.startswith("published"):
-        return published(("k",) if name == "published-k" else ("k", "b"))
-    if name not in DESIGNS:
-        message = f"no such study; there are published, published-k, {', '.join(DESIGNS)}."
-        raise UsageError(message, value=name)
-    return simulated(DESIGNS[name], 1)

@@ -6,6 +6,7 @@ summed into the scatter of the cell's mean. It needs the extra `peers`.
 
 from __future__ import annotations
 
+import os
 import time
 import warnings
 from collections.abc import Callable
@@ -14,8 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.errors import RefusalError
-from reports.fitted import CONFIDENCE, LEVEL, SHARE, Fitted
+from reports.fitted import LEVEL, Fitted
 from reports.studies import Array, Observed
 
 #: A number or an array of PyMC, or of numpy; PyMC has no types.
@@ -23,18 +23,16 @@ Term: TypeAlias = Any
 
 #: nutpie's default is 6; R-hat needs several.
 CHAINS = 4
-#: Draws per chain below which a limit's Monte Carlo error is itself unknown.
-_FEWEST_DRAWS = 100
+_WARM_UP = 400  # Draws that are not kept, as its users take them
 
 
 class _Plain:
     """Unknowns of the model, written inside a PyMC model; quantities first."""
 
-    def __init__(self, observed: Observed, *, centred: bool) -> None:
+    def __init__(self, observed: Observed) -> None:
         self.observed = observed
         self.priors = observed.priors
         self.size, self.cells = observed.x.shape
-        self.centred = centred
 
     def normal(self, name: str, sd: Term, *shape: int, centre: Term = 0.0) -> Term:
         """Return normal unknowns of each quantity."""
@@ -57,18 +55,12 @@ class _Plain:
         shape = self.priors.rho_shape
         return pm.Deterministic(name, 2.0 * pm.Beta(f"half_{name}", shape, shape) - 1.0)
 
-    def about(self, centre: Term, sd: Term, name: str, multiple: str, count: int) -> Term:
-        """Return normal values, themselves unknowns or multiples of their SD."""
-        if self.centred:
-            return self.normal(name, sd[:, None], count, centre=centre)
-        return centre + sd[:, None] * self.normal(multiple, 1.0, count)
-
     def deviations(self, name: str) -> Term:
         """Return what each environment has of its own, at the cells."""
         tau = self.half(name, self.priors.tau_scale)
         environment = self.observed.environment
         count = int(environment.max()) + 1
-        return self.about(0.0, tau, f"own_{name}", f"z_{name}", count)[:, environment]
+        return self.normal(f"own_{name}", tau[:, None], count)[:, environment]
 
     def locations(self) -> Term:
         """Return the means of the cells."""
@@ -95,7 +87,7 @@ class _Plain:
             psi = self.normal(f"psi{suffix}_{factor}", prior["psi_sd"])[:, None]
             trend = trend + psi * self.observed.contrast[factor]
         omega = self.half(f"omega{suffix}", prior[f"omega{suffix}_scale"])
-        log_sigma = self.about(trend, omega, f"log_sigma{suffix}", f"z{suffix}", self.cells)
+        log_sigma = self.normal(f"log_sigma{suffix}", omega[:, None], self.cells, centre=trend)
         return pm.Deterministic(f"sigma{suffix}", pm.math.exp(log_sigma))
 
     def stretch(self) -> Term:
@@ -110,38 +102,30 @@ class _Plain:
 
     def effects(self, stretch: Term) -> tuple[Term, Term]:
         """Return what every subject adds to the cells, (P, N, C), and its variance, (P, C)."""
+        import pymc as pm
+
         total: Term = 0.0
         variance: Term = 0.0
         for name, contrast in self.observed.columns.items():
-            effects, sd = self.of_subjects(name)
+            sd = self.half(f"sigma_{name}", self.priors.sigma_u_scale)
+            rho = self.correlation(f"rho_{name}")
+            z = self.normal(f"z_{name}", 1.0, self.observed.subjects)
+            effects = [sd[0] * z[0]]
+            if self.size == 2:
+                effects.append(sd[1] * (rho * z[0] + pm.math.sqrt(1.0 - rho**2) * z[1]))
             column = stretch * contrast
-            total = total + effects[:, :, None] * column[:, None, :]
+            total = total + pm.math.stack(effects)[:, :, None] * column[:, None, :]
             variance = variance + (sd[:, None] * column) ** 2
         return total, variance
 
-    def of_subjects(self, name: str) -> tuple[Term, Term]:
-        """Return an effect of every subject, (P, N), and its SD, (P,)."""
-        import pymc as pm
 
-        sd = self.half(f"sigma_{name}", self.priors.sigma_u_scale)
-        rho = self.correlation(f"rho_{name}")
-        z = self.normal(f"z_{name}", 1.0, self.observed.subjects)
-        effects = [sd[0] * z[0]]
-        if self.size == 2:
-            effects.append(sd[1] * (rho * z[0] + pm.math.sqrt(1.0 - rho**2) * z[1]))
-        return pm.math.stack(effects), sd
-
-
-def plain_model(observed: Observed, *, centred: bool = False) -> Any:
-    """Write the model of a study in PyMC.
+def plain_model(observed: Observed) -> Any:
+    """Write the model of a study without a covariate in PyMC.
 
     Parameters
     ----------
     observed : Observed
         The study.
-    centred : bool
-        Whether shifts and spreads are unknowns themselves, as a model is plainly written. By
-        default they are multiples of their SDs, which leaves no funnel.
 
     Returns
     -------
@@ -155,7 +139,7 @@ def plain_model(observed: Observed, *, centred: bool = False) -> Any:
         import matplotlib.style.core  # noqa: F401
     import pymc as pm
 
-    size, cells = observed.x.shape
+    _, cells = observed.x.shape
     pair, of_trial, trials = np.unique(
         observed.subject * cells + observed.cell, return_inverse=True, return_counts=True
     )
@@ -166,20 +150,11 @@ def plain_model(observed: Observed, *, centred: bool = False) -> Any:
 
     mean = np.stack([summed(column) / trials for column in observed.response.T])
     departure = observed.response.T - mean[:, of_trial]
-    off = np.zeros(len(of_trial))
-    slope: Term = np.zeros(size)
     with pm.Model() as model:
-        plain = _Plain(observed, centred=centred)
+        plain = _Plain(observed)
         beta = plain.locations()
         shared, variance_u = plain.effects(plain.stretch())
         residual = mean - beta[:, cell] - shared[:, subject, cell]
-        if observed.covariate is not None:
-            average = plain.normal("slope", plain.priors.covariate_sd)
-            own, _ = plain.of_subjects("v_covariate")
-            slope = average[:, None] + own[:, subject]
-            mean_covariate = summed(observed.covariate) / trials
-            residual = residual - slope * mean_covariate
-            off = observed.covariate - mean_covariate[of_trial]
         sigma = plain.sds("")
         pm.Deterministic("spread", pm.math.sqrt(variance_u + sigma**2))
         covariance = _covariance(sigma[:, cell], plain.correlation("rho_w"))
@@ -192,11 +167,7 @@ def plain_model(observed: Observed, *, centred: bool = False) -> Any:
             within = _covariance(sigma_e, plain.correlation("rho_e"))
             squares = {}
             for p, q in within:
-                # Of departures from which the slopes are taken.
-                products = summed(departure[p] * departure[q])
-                products = products - slope[p] * summed(off * departure[q])
-                products = products - slope[q] * summed(off * departure[p])
-                squares[p, q] = products + slope[p] * slope[q] * summed(off * off)
+                squares[p, q] = summed(departure[p] * departure[q])
             # Departures from a mean of n trials have the density of n - 1 trials.
             pm.Potential("departures", _log_density(squares, within, trials - 1))
             covariance = {key: term + within[key] / trials for key, term in covariance.items()}
@@ -230,55 +201,41 @@ def _log_density(squares: _Pairs, covariance: _Pairs, counts: NDArray[Any]) -> T
     return -0.5 * (distance / determinant + counts * pm.math.log(determinant)).sum()
 
 
-def sampler(study: Observed, *, centred: bool) -> Callable[..., Fitted]:
+def sampler(study: Observed) -> Callable[[float, int], Fitted]:
     """Compile the model of a study for nutpie.
 
     Parameters
     ----------
     study : Observed
         The study.
-    centred : bool
-        As `plain_model` takes it.
 
     Returns
     -------
     callable
-        Takes the draws of each chain, a seed, other arguments of `nutpie.sample`, and as `patience`
-        the seconds after which it stops.
+        Takes the draws of each chain and a seed.
     """
     import nutpie
 
     names = ["beta", "spread"]
-    compiled = nutpie.compile_pymc_model(plain_model(study, centred=centred), var_names=names)
+    compiled = nutpie.compile_pymc_model(plain_model(study), var_names=names)
 
-    def fit(draws: float, seed: int, *, patience: float | None = None, **options: object) -> Fitted:
+    def fit(draws: float, seed: int) -> Fitted:
         started = time.perf_counter()
-        running = nutpie.sample(
+        tree = nutpie.sample(
             compiled,
             draws=int(draws),
+            tune=_WARM_UP,
             chains=CHAINS,
+            cores=os.cpu_count(),
             seed=seed,
             progress_bar=False,
             save_warmup=False,
-            blocking=False,
-            **options,
         )
-        try:
-            tree = running.wait(timeout=patience)
-        except TimeoutError:
-            tree = running.abort()
         beta = np.asarray(tree.posterior["beta"])
         spread = np.asarray(tree.posterior["spread"])
-        # Chains cut short are filled up with NaN.
-        length = int(np.isfinite(beta[:, :, 0, 0]).sum(axis=1).min())
-        if length < _FEWEST_DRAWS:
-            raise RefusalError(f"nutpie made {length} draws of a chain in its time.")
         rng = np.random.default_rng(seed)
-        limits = limits_of_draws(beta[:, :length], spread[:, :length], rng)
-        notes = {
-            "draws": float(CHAINS * length),
-            "divergences": float(np.nansum(tree.sample_stats.diverging)),
-        }
+        limits = limits_of_draws(beta, spread, rng)
+        notes = {"divergences": float(np.sum(tree.sample_stats.diverging))}
         return Fitted(*limits, time.perf_counter() - started, notes)
 
     return fit
@@ -298,8 +255,8 @@ def limits_of_draws(
 
     Returns
     -------
-    value, error : ndarray, shape (3, 2, cells)
-        Limits of the kinds mean, user and share, and their Monte Carlo standard errors.
+    value, error : ndarray, shape (2, 2, cells)
+        Limits of the kinds mean and user, and their Monte Carlo standard errors.
     effective : float
         Effective draws of the slowest quantity.
     """
@@ -310,22 +267,16 @@ def limits_of_draws(
     array_stats: Any = BaseArray()
     tails = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
 
-    def error_of(draws: Array, **what: object) -> Array:
-        return np.asarray(array_stats.mcse(np.moveaxis(draws, -1, 0), **what))
+    def error_of(draws: Array, tail: float) -> Array:
+        series = np.moveaxis(draws, -1, 0)
+        return np.asarray(array_stats.mcse(series, method="quantile", prob=tail))
 
     value = []
     error = []
     user = beta + spread * rng.standard_normal(beta.shape)
     for draws in (beta, user):
         value.append(np.quantile(draws, tails, axis=(0, 1)))
-        error.append([error_of(draws, method="quantile", prob=tail) for tail in tails])
-    centre = beta.mean(axis=(0, 1))
-    half = share_half_widths(beta - centre, spread)
-    h = np.quantile(half, CONFIDENCE, axis=(0, 1))
-    value.append(np.stack([centre - h, centre + h]))
-    of_half = error_of(half, method="quantile", prob=CONFIDENCE)
-    of_share = np.hypot(of_half, error_of(beta, method="mean"))
-    error.append([of_share, of_share])
+        error.append([error_of(draws, tail) for tail in tails])
     effective = []
     for draws in (beta, np.log(spread)):
         series = np.moveaxis(draws, -1, 0)
@@ -333,17 +284,3 @@ def limits_of_draws(
         # 5 and 95 %: the tails whose draws are counted since Vehtari et al. (2021).
         effective.append(array_stats.ess(series, method="tail", prob=(0.05, 0.95)))
     return np.stack(value), np.stack(error), float(np.nanmin(effective))
-
-
-def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
-    """Return the half-width h with Phi((h - off)/spread) - Phi((-h - off)/spread) = share."""
-    from scipy import special
-    from scipy.optimize import elementwise
-
-    def missing(t: Array, apart: Array) -> Array:
-        return special.ndtr(apart - t) + special.ndtr(-apart - t) - (1.0 - share)
-
-    apart = np.abs(off) / spread
-    enough = apart + special.ndtri(0.5 * (1.0 + share)) + 1.0
-    root = elementwise.find_root(missing, (np.zeros_like(apart), enough), args=(apart,))
-    return np.asarray(root.x * spread)

@@ -8,8 +8,14 @@ import pytest
 from scipy import stats
 
 from percept.errors import RefusalError
-from reports.benchmark.reference import STUDIES, TOLERANCE, Reference, page, stored_reference
-from reports.benchmark.simulated import study_of
+from reports.benchmark.reference import (
+    STUDIES,
+    TOLERANCE,
+    Reference,
+    page,
+    stored_reference,
+    study_of,
+)
 from reports.fitted import by_percept
 
 
@@ -22,9 +28,8 @@ def rows(seed, sd):
     rng = np.random.default_rng(seed)
     return [
         {
-            "value": rng.normal(1.0, sd, (3, 2, 10)),
-            "error": np.full((3, 2, 10), 0.1),
-            "effective": 100.0,
+            "value": rng.normal(1.0, sd, (2, 2, 10)),
+            "error": np.full((2, 2, 10), 0.1),
         }
         for _ in range(25)
     ]
@@ -33,30 +38,28 @@ def rows(seed, sd):
 def test_studies_are_what_their_descriptions_say():
     for name, about in STUDIES.items():
         study = study_of(name)
-        environments = len(study.environment)
+        environments = int(study.environment.max()) + 1
         assert about.startswith(f"{study.subjects} subjects, {environments} environments")
-        trials = 3 if "3 trials" in about else 1
-        assert len(study.cell) == trials * study.subjects * environments
-        assert study.parameters == (("k",) if "k alone" in about else ("k", "b"))
+        trials = np.unique(study.subject * len(study.environment) + study.cell, return_counts=True)
+        assert trials[1].max() == (3 if "3 trials" in about else 4 if "4 trials" in about else 1)
+        assert len(study.contrast) == (3 if "two factors" in about else "a factor" in about)
 
 
 def test_pooled_runs_are_averaged_and_their_errors_divided():
     found = Reference.pooled(rows(5, 0.1))
-    assert found.effective == 2500.0
-    assert found.error == pytest.approx(np.full((3, 2, 10), 0.02), rel=1e-12)
-    # 60 means with standard error 0.02; 60 · 24 degrees of freedom behind the scatter.
-    assert np.mean(((found.value - 1.0) / 0.02) ** 2) == pytest.approx(1.0, abs=5 * np.sqrt(2 / 60))
-    assert found.scatter == pytest.approx(1.0, abs=5 * np.sqrt(0.5 / (60 * 24)))
+    assert found.error == pytest.approx(np.full((2, 2, 10), 0.02), rel=1e-12)
+    # 40 means with standard error 0.02; 40 · 24 degrees of freedom behind the scatter.
+    assert np.mean(((found.value - 1.0) / 0.02) ** 2) == pytest.approx(1.0, abs=5 * np.sqrt(2 / 40))
+    assert found.scatter == pytest.approx(1.0, abs=5 * np.sqrt(0.5 / (40 * 24)))
 
 
 def test_runs_that_claim_too_much_scatter_more():
     assert Reference.pooled(rows(6, 0.3)).scatter == pytest.approx(
-        3.0, abs=3 * 5 * np.sqrt(0.5 / (60 * 24))
+        3.0, abs=3 * 5 * np.sqrt(0.5 / (40 * 24))
     )
 
 
 def test_the_stored_reference_claims_what_its_runs_show(stored):
-    assert stored.effective >= 1e6
     assert stored.scatter < 1.5
 
 
@@ -77,20 +80,20 @@ def test_relative_error_is_in_half_widths(stored):
 def test_a_study_without_reference_is_refused(tmp_path):
     with pytest.raises(RefusalError, match=r"there are no reference limits of this study") as no:
         stored_reference("6x3x1")
-    assert "python -m reports reference --studies 6x3x1" in str(no.value)
+    assert "python -m reports reference --out" in str(no.value)
     with pytest.raises(RefusalError, match="there are no reference limits"):
         stored_reference("published", tmp_path / "reference.json")
 
 
 def test_the_command_goes_on_from_what_is_there(tmp_path, stored):
     """A folder that holds enough runs gives the reference without sampling."""
-    kept = {"value": stored.value.tolist(), "error": stored.error.tolist(), "effective": 6e5}
+    kept = {"value": stored.value.tolist(), "error": stored.error.tolist()}
     lines = [
         json.dumps({"plan": f"published-k {TOLERANCE}", "index": index} | kept)
         for index in range(2)
     ]
     (tmp_path / "finished.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
     made = page(tmp_path, studies=("published-k",), runs=2)
-    assert "| published-k | 2 | 1.2e+06 |" in made.text
+    assert "| published-k | 0 | " in made.text
     found = stored_reference("published-k", tmp_path / "reference.json")
     assert found.value.tolist() == stored.value.tolist()

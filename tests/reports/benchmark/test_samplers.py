@@ -55,7 +55,7 @@ def test_losses_are_said():
 
 def run_at(size, seconds, off):
     """One whose limits are off by so many half-widths; its own error is a tenth of a half-width."""
-    value = np.stack([np.full((3, 10), -1.0), np.full((3, 10), 1.0)], axis=1) + off
+    value = np.stack([np.full((2, 10), -1.0), np.full((2, 10), 1.0)], axis=1) + off
     error = np.full(value.shape, 0.1)
     told = {"processor": 2.0 * seconds, "effective": 50.0, "notes": {"divergences": 4.0}}
     return {"size": size, "seconds": seconds, "value": value, "error": error, **told}
@@ -63,7 +63,7 @@ def run_at(size, seconds, off):
 
 def test_runs_are_reduced_by_budget():
     exact = run_at(0, 1.0, 0.0)["value"]
-    reference = Reference(exact, np.zeros(exact.shape), 1e6, 30, 1.0)
+    reference = Reference(exact, np.zeros(exact.shape), 1.0)
     runs = [{"size": "cold", "seconds": 7.0}]
     runs += [run_at(250, 1.0, 0.3), run_at(250, 3.0, 0.4), run_at(1000, 5.0, 0.1)]
     small, large = measured("published", "nutpie", runs, reference)
@@ -92,5 +92,5 @@ def test_a_quick_run_of_what_is_installed(tmp_path):
     ours, emcee = rows[-2:]
     assert (ours[1], emcee[1]) == ("percept", "emcee")
     # emcee's stretch moves, far too short: an error that is shown, not agreement.
-    assert float(emcee[8]) > 2.0 * float(ours[8])
-    assert float(ours[8]) < 0.1
+    assert float(emcee[7]) > 2.0 * float(ours[7])
+    assert float(ours[7]) < 0.1
