@@ -6,7 +6,7 @@ import itertools
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import pandas as pd
 
 from percept import Scene, Sessions, Study, read_sessions
 from reports import dataset
+from reports.calibration.studies import Kind, draw_study
 from reports.measure import Cost, in_a_process, run_python
 from reports.page import Page, say
 
@@ -43,35 +44,33 @@ SCENES = ("nothing", "coupling", "device", "one parameter", "all but one environ
 _PACKAGES = ("emcee", "arviz_base", "arviz_stats", "xarray", "h5netcdf", "matplotlib.figure")
 
 
-@dataclass(frozen=True)
-class Size:
-    """Of a simulated study; every subject meets every level of the factor."""
-
-    subjects: int = 10
-    environments: int = 5
-    trials: int = 1
-    levels: int = 1  # Of a factor; 1 for none
-    method: str = "both"
-
-    @property
-    def name(self) -> str:
-        """Subjects x environments x levels x trials."""
-        parts = [self.subjects, self.environments, self.levels, self.trials]
-        return " x ".join(map(str, parts))
-
-
-#: What grows, and the sizes of its ladder.
-LADDERS: Mapping[str, tuple[Size, ...]] = {
-    "subjects": tuple(Size(subjects=n) for n in (10, 20, 40, 80, 160)),
-    "environments": tuple(Size(environments=n) for n in (5, 10, 20, 40)),
-    "trials": tuple(Size(trials=n) for n in (1, 2, 4, 8, 16)),
-    "levels": tuple(Size(levels=n) for n in (1, 2, 4, 8)),
+_SCENE = """
+[device]
+mass = 1.0
+damping = 5.0
+period = 0.001
+[coupling]
+stiffness = 50000
+damping = 100
+"""
+_PLAIN = Kind(10, 5, parameters=("k", "b"))
+_FACTORS = ("hand", "load", "tool")
+#: What grows, and the studies of its ladder. A factor of two levels doubles the cells.
+LADDERS: Mapping[str, Mapping[int, Kind]] = {
+    "subjects": {n: replace(_PLAIN, subjects=n) for n in (10, 20, 40, 80, 160)},
+    "environments": {n: replace(_PLAIN, environments=n) for n in (5, 10, 20, 40)},
+    "trials": {n: replace(_PLAIN, trials=(n, n)) for n in (1, 2, 4, 8, 16)},
+    "cells of factors": {2**n: replace(_PLAIN, factors=_FACTORS[:n]) for n in range(4)},
 }
-LARGE = (
-    Size(100, 160),
-    Size(315, 60, method="classical"),
-    Size(16, 5, trials=36, levels=2),
-)
+#: Studies by size, and the method they are analysed by.
+LARGE: Mapping[str, tuple[Kind, str]] = {
+    "100 x 160": (replace(_PLAIN, subjects=100, environments=160), "both"),
+    "315 x 60": (replace(_PLAIN, subjects=315, environments=60), "classical"),
+    "16 x 5 x 2, 36 trials, own trial SDs": (
+        Kind(16, 5, (36, 36), ("hand",), own_trial_sds=True, parameters=("k", "b")),
+        "both",
+    ),
+}
 
 
 def timed(
@@ -137,68 +136,66 @@ def not_imported(without: str, tolerance: float = 0.01) -> list[str]:
     return [name for name in _PACKAGES if name not in sys.modules]
 
 
-def sessions_of(size: Size, seed: int = 1) -> pd.DataFrame:
-    """Draw the trials of a study whose subjects differ in their trial SDs."""
-    shape = (size.subjects, size.environments, size.levels, size.trials)
-    subject, environment, level, trial = np.indices(shape).reshape(4, -1)
-    rng = np.random.default_rng(seed)
-    shift = rng.normal(0.0, 0.1, (size.subjects, 2))
-    own = rng.normal(0.0, 0.08, (*shape[:3], 2))
-    trial_sd = 0.05 * np.exp(0.4 * rng.standard_normal(size.subjects))
-    log_ratio = shift[subject] + own[subject, environment, level] + 0.05 * level[:, None]
-    log_ratio += trial_sd[subject, None] * rng.standard_normal(log_ratio.shape)
-    stiffness = np.geomspace(10.0, 10_000.0, size.environments)[environment]
+def sessions_of(kind: Kind, seed: int = 1) -> pd.DataFrame:
+    """Draw the trials of a study, as a file of sessions has them."""
+    study = draw_study(kind, np.random.default_rng(seed)).observed
     columns: dict[str, Any] = {
-        "subject": np.char.add("S", subject.astype(str)),
-        "environment": np.char.add("VE", environment.astype(str)),
-        "k_ref": stiffness,
-        "b_ref": 0.01 * stiffness,
-        "trial": trial + 1,
-        "k_adj": stiffness * np.exp(log_ratio[:, 0]),
-        "b_adj": 0.01 * stiffness * np.exp(log_ratio[:, 1]),
+        "subject": [f"S{number}" for number in study.subject],
+        "environment": [f"VE{number}" for number in study.environment[study.cell]],
     }
-    if size.levels > 1:
-        columns["hand"] = np.char.add("level ", level.astype(str))
-    return pd.DataFrame(columns)
+    for p, name in enumerate(study.parameters):
+        reference = 1000.0 / 100.0**p * 10.0 ** study.x[p, study.cell]
+        columns[f"{name}_ref"] = reference
+        columns[f"{name}_adj"] = reference * np.exp(study.response[:, p])
+    for factor, contrast in study.contrast.items():
+        columns[factor] = np.where(contrast[study.cell] > 0, "second", "first")
+    table = pd.DataFrame(columns)
+    cells = ["subject", "environment", *study.factors]
+    return table.assign(trial=table.groupby(cells).cumcount() + 1)
 
 
-def report_of(size: Size) -> tuple[Cost, float]:
+def report_of(kind: Kind, method: str = "both") -> tuple[Cost, float]:
     """Write the report of a simulated study; return its cost and the size of its page, MB."""
-    say(f"{size.name}, {size.method}")
-    scene = dataset("hbfd.toml").read_text(encoding="utf-8")
-    if size.levels > 1:
-        scene += '\n[model]\nbias = "hand"\n'
+    scene = _SCENE
+    if kind.factors:
+        scene += f'[model]\nbias = "{" + ".join(kind.factors)}"\n'
     with tempfile.TemporaryDirectory() as folder:
         sessions, scene_file, out = (Path(folder) / name for name in ("s.csv", "s.toml", "out"))
-        sessions_of(size).to_csv(sessions, index=False)
+        sessions_of(kind).to_csv(sessions, index=False)
         scene_file.write_text(scene, encoding="utf-8")
         words = ["report", str(sessions), "--scene", str(scene_file), "--out", str(out)]
-        _, cost = run_python(*_PERCEPT, *words, "--method", size.method)
+        _, cost = run_python(*_PERCEPT, *words, "--method", method)
         return cost, (out / "report.html").stat().st_size / 1e6
 
 
-def exponent(amounts: Sequence[int], seconds: Sequence[float]) -> float:
+def exponent(seconds: Mapping[int, float]) -> float:
     """Return the power of an amount that time goes with, over the upper half of a ladder."""
-    half = len(amounts) // 2
-    slope, _ = np.polyfit(np.log(amounts[half:]), np.log(seconds[half:]), 1)
+    upper = list(seconds)[len(seconds) // 2 :]
+    slope, _ = np.polyfit(np.log(upper), np.log([seconds[amount] for amount in upper]), 1)
     return float(slope)
 
 
 def add_scale(page: Page) -> None:
     """Add reports of larger studies to a page, and the powers that time goes with."""
     page.add("## Larger studies")
-    page.add("A size is subjects x environments x levels of a factor x trials.")
-    rows = []
+    page.add(
+        "Ladders begin at 10 subjects and 5 environments with one trial of a cell, and one amount"
+        " grows. Studies are drawn from the prior."
+    )
+    rows: list[list[object]] = []
     powers = []
-    for what, sizes in [*LADDERS.items(), ("", LARGE)]:
-        seconds = []
-        for size in sizes:
-            cost, page_size = report_of(size)
-            seconds.append(cost.processor)
-            rows.append([size.name, size.method, *astuple(cost), page_size])
-        if what:
-            power = exponent([getattr(size, what) for size in sizes], seconds)
-            powers.append(f"{what} to the power {power:.2f}")
+    for what, ladder in LADDERS.items():
+        seconds = {}
+        for amount, kind in ladder.items():
+            say(f"{amount} {what}")
+            cost, page_size = report_of(kind)
+            seconds[amount] = cost.processor
+            rows.append([f"{amount} {what}", "both", *astuple(cost), page_size])
+        powers.append(f"{what} to the power {exponent(seconds):.2f}")
+    for size, (kind, method) in LARGE.items():
+        say(size)
+        cost, page_size = report_of(kind, method)
+        rows.append([size, method, *astuple(cost), page_size])
     page.table(["size", "method", "wall, s", "processor, s", "memory, MB", "page, MB"], rows)
     page.add(f"Over the upper half of each ladder processor time goes with {', '.join(powers)}.")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import astuple, dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference import Moments
-from percept.inference.classical.trials import subject_means
-from percept.inference.model.model import plain_model
-from percept.inference.model.statistics import from_trials
 from reports.benchmark import twins as twin
 from reports.benchmark.twins import Levels, Number
 from reports.page import Page
+from reports.studies import Observed, model_of
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -64,8 +62,6 @@ def digits_row(
 _ULPS = 4  # Promised distance from the correctly rounded value
 _SAMPLE = 1000  # Values of a random sample
 _NUM_ACC = {2: "1", 3: "1000000", 4: "10000000"}  # Whole part of NIST's sets
-_SMALL_LARGE = ("1", "1000000", "1000000000000")  # The same of three sets each
-_REPLICATES = (21, 201, 2001)  # In each of the nine treatments
 
 
 def number_accuracy(which: int) -> tuple[Array, float, float]:
@@ -75,19 +71,6 @@ def number_accuracy(which: int) -> tuple[Array, float, float]:
     whole = _NUM_ACC[which]
     texts = [f"{whole}.2"] + [f"{whole}.1", f"{whole}.3"] * 500
     return np.array([float(text) for text in texts]), float(f"{whole}.2"), 0.1
-
-
-def small_large(which: int) -> tuple[Array, NDArray[np.int64], float]:
-    """Return NIST's data set SmLs01 to SmLs09, its treatments, and the certified SD within."""
-    size, length = divmod(which - 1, 3)
-    whole = _SMALL_LARGE[size]
-    replicates = _REPLICATES[length]
-    texts = []
-    for tenths in (4, 3, 5, 3, 5, 3, 5, 3, 5):
-        texts.append(f"{whole}.{tenths}")
-        texts += [f"{whole}.{tenths - 1}", f"{whole}.{tenths + 1}"] * (replicates // 2)
-    values = np.array([float(text) for text in texts])
-    return values, np.repeat(np.arange(9), replicates), 0.1
 
 
 def moment_digits(*, seed: int = 1) -> list[Digits]:
@@ -117,12 +100,7 @@ def moment_digits(*, seed: int = 1) -> list[Digits]:
     for name, values in samples.items():
         moments = Moments.from_values(values)
         rows.append(_moment_row("mean", name, moments.mean, float(_exact_mean(values))))
-        rows.append(_moment_row("SD", name, moments.sd, _exact_sd([values])))
-    for which in range(1, 10):
-        values, treatment, _ = small_large(which)
-        groups = [values[treatment == index] for index in range(9)]
-        within = subject_means(values, treatment).trial_sd
-        rows.append(_moment_row("SD", f"SmLs0{which}", within, _exact_sd(groups)))
+        rows.append(_moment_row("SD", name, moments.sd, _exact_sd(values)))
     return rows
 
 
@@ -140,17 +118,13 @@ def _exact_mean(values: Array) -> Fraction:
     return sum(map(Fraction, values.tolist()), Fraction(0)) / values.size
 
 
-def _exact_sd(groups: Sequence[Array]) -> float:
-    """Return the SD about the groups' means, correctly rounded."""
+def _exact_sd(values: Array) -> float:
+    """Return the SD, correctly rounded."""
     import mpmath
 
-    total = Fraction(0)
-    freedom = -len(groups)
-    for group in groups:
-        mean = _exact_mean(group)
-        total += sum((Fraction(value) - mean) ** 2 for value in group.tolist())
-        freedom += group.size
-    variance = total / freedom
+    mean = _exact_mean(values)
+    total = sum((Fraction(value) - mean) ** 2 for value in values.tolist())
+    variance = total / (values.size - 1)
     with mpmath.workdps(60):
         return float(mpmath.sqrt(mpmath.mpf(variance.numerator) / variance.denominator))
 
@@ -178,21 +152,13 @@ class _Case:
 
 def collapsed(response: Array, x: Array, levels: Levels) -> float:
     """Return percept's log density of responses (subjects, environments, trials, parameters)."""
-    subjects, environments, trials, size = response.shape
-    subject, environment, _ = np.indices((subjects, environments, trials))
-    statistics = from_trials(
-        response.reshape(-1, size),
-        subject.ravel(),
-        environment.ravel(),
-        x,
-        parameters=("k", "b"),
-        environments=tuple(f"VE{j + 1}" for j in range(environments)),
-        subjects=tuple(f"S{i + 1}" for i in range(subjects)),
-    )
-
+    *shape, size = response.shape
+    subject, environment, _ = np.indices(shape).reshape(3, -1)
+    trials = response.reshape(-1, size)
+    model = model_of(Observed(("k", "b"), trials, subject, environment, np.arange(shape[1]), x))
     named = {
-        "sigma": np.full((size, environments, 1), levels.between),
-        "sigma_e": np.full((size, environments, 1), levels.trial),
+        "sigma": np.full((size, shape[1], 1), levels.between),
+        "sigma_e": np.full((size, shape[1], 1), levels.trial),
         "sigma_u": np.full((size, 1), levels.shared),
         "tau": np.full((size, 1), levels.tau),
     }
@@ -200,7 +166,6 @@ def collapsed(response: Array, x: Array, levels: Levels) -> float:
     for name in ("rho_w", "rho_e", "rho_u"):
         rests[name] = np.full(1, levels.rest)
         named[name] = 1.0 - rests[name]
-    model = plain_model(statistics)
     scales = model.coordinates.cell_scales(named, rests)
     return float(model.log_likelihood(scales)[0])
 

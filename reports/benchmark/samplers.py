@@ -27,7 +27,7 @@ from reports.benchmark.reference import (
 from reports.fitted import Fitted, by_percept
 from reports.measure import in_a_process
 from reports.page import Page, say
-from reports.studies import Observed
+from reports.studies import Array, Observed
 
 #: Samples within a budget, in the engine's own unit, from a seed.
 Sampler: TypeAlias = Callable[[float, int], Fitted]
@@ -53,7 +53,8 @@ where it has not. Effective draws are of the slowest limit."""
 _REACHED = """\
 percept's rows are its own times in s: warm / cold / processor. All others are ratios to them. Where
 no run was accurate enough, time over error squared of the most accurate one stands in italics. That
-is the best that can be hoped for: bias, as after divergences, does not shrink with time."""
+is the best that can be hoped for: bias, as after divergences, does not shrink with time. Where
+percept takes longer, warm or cold, the ratios are bold."""
 
 
 @dataclass(frozen=True)
@@ -179,57 +180,33 @@ def measured(study: str, engine: str, runs: Sequence[Run], reference: Reference)
     return rows
 
 
-@dataclass(frozen=True)
-class Times:
-    """Of one engine to one error, s."""
+def times_to(level: float, group: Sequence[Measured]) -> tuple[Array, bool]:
+    """Return warm, cold and processor time to an error, and whether a run was as accurate.
 
-    warm: float
-    cold: float
-    processor: float
-    measured: bool  # False where the most accurate run is carried on with error over root of time
-
-
-def time_to(level: float, group: Sequence[Measured]) -> Times:
-    """Return the times to an error: of the fastest run that is as accurate, or extrapolated."""
+    Without one, the most accurate run is carried on with time over error squared.
+    """
     enough = [row for row in group if row.error <= level]
     if enough:
         best = min(enough, key=lambda row: row.warm)
-        return Times(best.warm, best.cold, best.processor, measured=True)
-    best = min(group, key=lambda row: row.error)
-    more = (best.error / level) ** 2
+    else:
+        best = min(group, key=lambda row: row.error)
+    more = 1.0 if enough else (best.error / level) ** 2
     warm = best.warm * more
-    return Times(warm, best.cold - best.warm + warm, best.processor * more, measured=False)
+    return np.array([warm, best.cold - best.warm + warm, best.processor * more]), bool(enough)
 
 
-def ratio_cells(group: Sequence[Measured], ours: Sequence[Measured] | None) -> list[str]:
-    """Return times to each error, over percept's where these are given."""
+def time_cells(group: Sequence[Measured], ours: Sequence[Measured] | None) -> list[str]:
+    """Write times to each error, or their ratios to percept's where these are given."""
     cells = []
     for level in LEVELS:
-        times = time_to(level, group)
-        each = [times.warm, times.cold, times.processor]
+        times, was_measured = times_to(level, group)
         if ours is not None:
-            own = time_to(level, ours)
-            each = [times.warm / own.warm, times.cold / own.cold, times.processor / own.processor]
-        text = " / ".join(f"{value:.3g}" for value in each)
-        cells.append(text if times.measured else f"*{text}*")
+            times = times / times_to(level, ours)[0]
+        text = " / ".join(f"{value:.3g}" for value in times)
+        if ours is not None and times[:2].min() < 1.0:
+            text = f"**{text}**"
+        cells.append(text if was_measured else f"*{text}*")
     return cells
-
-
-def losses(study: str, groups: dict[str, list[Measured]]) -> list[str]:
-    """Say where another engine is faster than percept."""
-    lines = []
-    for engine, group in groups.items():
-        for level in LEVELS if engine != _OURS and _OURS in groups else ():
-            theirs = time_to(level, group)
-            ours = time_to(level, groups[_OURS])
-            for state in ("warm", "cold"):
-                ratio = getattr(theirs, state) / getattr(ours, state)
-                if ratio < 1.0:
-                    lines.append(
-                        f"- {study}: {ENGINES[engine].title} reaches {level:.1%} {state} in"
-                        f" {ratio:.2f} times percept's time."
-                    )
-    return lines
 
 
 def page(
@@ -285,20 +262,16 @@ def written(
             " `pip install 'percept-haptics[peers]'` installs what they need."
         )
     reached = []
-    slower = []
     rows = []
     for study, groups in by_study.items():
         says = f"{study}: {STUDIES.get(study, study)}. Left and down is better."
         page.figure(out, f"time-{study}", figure(groups.values()), says)
-        slower += losses(study, groups)
         for engine, group in groups.items():
             ours = None if engine == _OURS else groups.get(_OURS)
-            reached.append([study, ENGINES[engine].title, *ratio_cells(group, ours)])
+            reached.append([study, ENGINES[engine].title, *time_cells(group, ours)])
             for row in group:
                 told = list(asdict(row).values())
                 rows.append([study, engine, *told[2:]])
-    page.add("## Where percept does not win")
-    page.add("\n".join(slower) or "Nowhere in this run: every other engine took longer.")
     page.add(f"## Time to a given error\n\n{_REACHED}")
     page.table(["study", "engine", *(f"{level:.1%}" for level in LEVELS)], reached)
     page.add(f"## Everything measured\n\n{_MEASURED}")

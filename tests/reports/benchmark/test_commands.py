@@ -12,7 +12,6 @@ from percept.study.prepare import prepare
 from reports import dataset
 from reports.benchmark.commands import (
     COMMANDS,
-    Size,
     exponent,
     least,
     not_imported,
@@ -21,6 +20,7 @@ from reports.benchmark.commands import (
     study_without,
     timed,
 )
+from reports.calibration.studies import Kind, draw_study
 from reports.measure import Cost, in_a_process
 from tests.documents import build_document
 
@@ -116,24 +116,29 @@ def test_commands_are_timed_beside_imports():
 
 def test_the_power_that_time_goes_with():
     amounts = [10, 20, 40, 80, 160]
-    assert exponent(amounts, [0.01 * n**1.5 for n in amounts]) == pytest.approx(1.5, rel=1e-9)
+    assert exponent({n: 0.01 * n**1.5 for n in amounts}) == pytest.approx(1.5, rel=1e-9)
     # A start that counts for the smallest alone is left out.
-    assert exponent(amounts, [9.0, 9.0, 4.0, 8.0, 16.0]) == pytest.approx(1.0, rel=1e-9)
+    seconds = dict(zip(amounts, [9.0, 9.0, 4.0, 8.0, 16.0], strict=True))
+    assert exponent(seconds) == pytest.approx(1.0, rel=1e-9)
 
 
-def test_a_study_of_a_size_has_all_its_trials():
-    table = sessions_of(Size(3, 4, trials=5, levels=2))
-    assert len(table) == 3 * 4 * 5 * 2
+def test_sessions_hold_the_trials_of_a_study():
+    kind = Kind(3, 4, (5, 5), ("hand",), parameters=("k", "b"))
+    table = sessions_of(kind, seed=2)
+    study = draw_study(kind, np.random.default_rng(2)).observed
     cells = table.groupby(["subject", "environment", "hand"])["trial"]
     assert cells.apply(list).tolist() == [[1, 2, 3, 4, 5]] * 24
-    assert "hand" not in sessions_of(Size(3, 4))
-    # Every subject sets b a hundredth as high as k, but for the scatter.
-    ratio = table["b_ref"] / table["k_ref"]
-    assert ratio.to_numpy() == pytest.approx(np.full(len(table), 0.01), rel=1e-12)
+    for p, name in enumerate("kb"):
+        response = np.log(table[f"{name}_adj"] / table[f"{name}_ref"])
+        assert response.to_numpy() == pytest.approx(study.response[:, p], abs=1e-12)
+        references = table.groupby("environment")[f"{name}_ref"].first()
+        decades = np.log10(references / np.exp(np.log(references).mean()))
+        assert decades.to_numpy() == pytest.approx([-1.5, -0.5, 0.5, 1.5], abs=1e-12)
 
 
 @pytest.mark.evidence
-def test_a_report_of_a_study_of_a_size():
-    cost, page_size = report_of(Size(8, 3, trials=2, levels=2, method="classical"))
+def test_a_report_of_a_simulated_study():
+    kind = Kind(8, 3, (2, 2), ("hand",), parameters=("k", "b"))
+    cost, page_size = report_of(kind, "classical")
     assert cost.processor > 1.0
     assert 0.1 < page_size < 10.0

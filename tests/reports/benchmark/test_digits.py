@@ -2,15 +2,12 @@
 
 import dataclasses
 import math
-import re
-from importlib.resources import files
 
 import numpy as np
 import pytest
 from mpmath import mp
 
 from percept.inference import Moments
-from percept.inference.classical.trials import subject_means
 from reports.benchmark import digits as bench
 from reports.benchmark import twins as twin
 from reports.benchmark.digits import (
@@ -18,31 +15,16 @@ from reports.benchmark.digits import (
     density_digits,
     moment_digits,
     number_accuracy,
-    small_large,
 )
 from tests.inference.model import exact
 
-NIST = files("scipy.stats").joinpath("tests", "data", "nist_anova")
-shipped = pytest.mark.skipif(
-    not NIST.is_dir(), reason="this SciPy was installed without its test data"
-)
 LEVELS = twin.Levels(between=0.2, shared=1e-4, trial=30.0, tau=0.5, rest=1e-7)
 X = np.array([[-1.0, 1.0], [-0.5, 0.5]])
 
 
-def nist(name):
-    """Return responses, treatments and the certified SD within treatments of a one-way set."""
-    text = NIST.joinpath(f"{name}.dat").read_text(encoding="ascii")
-    certified = float(re.search(r"Certified Residual\s+Standard Deviation\s+(\S+)", text)[1])
-    treatment, response = np.array(
-        [line.split() for line in text.splitlines()[60:] if line.strip()]
-    ).T
-    return response.astype(float), treatment, certified
-
-
 def test_means_and_sds_are_rounded_as_promised():
     rows = moment_digits()
-    assert len(rows) == 2 * 4 + 2 * 6 + 9
+    assert len(rows) == 2 * 4 + 2 * 6
     assert max(row.over_promise for row in rows) <= 1.0
 
 
@@ -65,26 +47,6 @@ def test_certified_values_are_met_as_far_as_doubles_can(which, digits):
     # 0.1.
     assert bench.digits_of(abs(moments.sd - sd) / sd) >= digits
     assert values.size == (3 if which == 1 else 1001)
-
-
-@shipped
-@pytest.mark.parametrize("which", range(1, 10))
-def test_the_small_large_sets_are_nists(which):
-    response, treatment, certified = nist(f"SmLs0{which}")
-    values, group, sd = small_large(which)
-    assert values.tolist() == response.tolist()
-    assert (group + 1).astype(str).tolist() == treatment.tolist()
-    assert sd == certified
-
-
-@shipped
-@pytest.mark.parametrize("name", ["AtmWtAg", "SiRstv"])
-def test_the_observed_one_way_sets(name):
-    response, treatment, certified = nist(name)
-    within = subject_means(response, treatment).trial_sd
-    # printed to 15 digits; the decimal data are rounded to doubles, one part in 2**53 of their size
-    rounding = np.abs(response).max() * 2.0**-53 / certified
-    assert abs(within / certified - 1.0) <= 1e-14 + rounding
 
 
 @pytest.fixture(scope="module")
