@@ -83,9 +83,9 @@ digits: $(STAMP)  ## digits kept, and what whole commands cost and skip, in repo
 	@$(BIN)/python -m reports digits --out reports/benchmark
 	@$(BIN)/python -m reports commands --scale --out reports/benchmark
 
-bench: $(STAMP)  ## run time against error, and fits of many designs, next to other samplers (hours; extra peers)
+bench: $(STAMP)  ## run time against error next to other samplers, and fits of many designs (two hours; extra peers)
 	@$(BIN)/python -m reports samplers --out reports/benchmark
-	@$(BIN)/python -m reports designs --nutpie --out reports/benchmark
+	@$(BIN)/python -m reports designs --out reports/benchmark
 
 coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hours); it resumes
 	@$(BIN)/percept calibrate datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --subjects 10 3 30 \

@@ -69,19 +69,13 @@ class Observed:
         return {"u": ones} | {f"v_{term}": contrast for term, contrast in self.own.items()}
 
 
-def model_of(
-    study: Observed, *, subjects_contrasts: bool = True, own_trial_sds: bool = True
-) -> LinearModel:
-    """Return percept's model of a study: the right one, or one that leaves something out.
+def model_of(study: Observed) -> LinearModel:
+    """Return percept's model of a study.
 
     Parameters
     ----------
     study : Observed
         The study.
-    subjects_contrasts : bool
-        Whether subjects have contrasts of their own.
-    own_trial_sds : bool
-        Whether subjects have trial SDs of their own, where the study's subjects do.
 
     Returns
     -------
@@ -103,16 +97,15 @@ def model_of(
         environments=tuple(names),
         subjects=tuple(f"S{i + 1}" for i in range(study.subjects)),
     )
-    by_subject = own_trial_sds and study.own_trial_sds
-    if by_subject:
+    if study.own_trial_sds:
         statistics = apart_by_subject(statistics)
     trials = (study.response, study.subject, study.cell)
-    scatter = trial_scatter(*trials, by_subject=by_subject)
+    scatter = trial_scatter(*trials, by_subject=study.own_trial_sds)
     covariates = None
     if study.covariate is not None:
         values = study.covariate[:, None]
         statistics, scatter, covariates = with_covariates(
-            values, (COVARIATE,), trials, statistics, by_subject=by_subject
+            values, (COVARIATE,), trials, statistics, by_subject=study.own_trial_sds
         )
     cells = Cells(tuple(names), study.environment, environments, study.x)
     factors = Factors(
@@ -123,6 +116,4 @@ def model_of(
         spread=study.spread,
     )
     design = design_of(cells, factors, study.priors)
-    if not subjects_contrasts:
-        design = dataclasses.replace(design, subject=design.subject[:1])
     return LinearModel(statistics, design, study.priors, covariates, scatter)

@@ -132,9 +132,9 @@ def _exact_sd(values: Array) -> float:
 # The hierarchical model's density
 
 _DENSITY_PROMISE = 1e-9  # Largest error per unit of 1 + abs(log p)
-_ENVIRONMENTS = 3
+_ENVIRONMENTS = 2
 _TRIALS = 2
-_SUBJECTS = 10
+_SUBJECTS = 3
 _ORDINARY = Levels(between=0.2, shared=0.1, trial=0.05, tau=0.1, rest=0.5)
 _TINY = Levels(between=1e-6, shared=1e-6, trial=1e-6, tau=1e-6, rest=0.5)
 _EXPONENTS = (-12, -8, -4, 0, 4, 8, 12)  # Of ten, of a variance
@@ -218,7 +218,7 @@ def _cases() -> Iterator[_Case]:
     for power in range(1, 10):
         rest = 10.0**-power
         yield _Case("1 − correlation", rest, replace(_ORDINARY, rest=rest))
-    for subjects in (2, 10, 100, 1000, 10_000):
+    for subjects in (2, 4):
         yield _Case("subjects", subjects, subjects=subjects)
     for offset in (0.0, 1.0, 1e3, 1e6, 1e9):
         yield _Case("offset", offset, offset=offset)

@@ -184,8 +184,15 @@ def _required_at(v: Inputs, loop: Loop, discretization: str = "backward") -> Any
 
 
 def _stiffness_limit(v: Inputs) -> float:
-    limit = max_coupling_stiffness(v.loop(), v.b_c)
-    return twin.limit_error_over_condition(float(limit), v.b_d, v.b_c, v.period)
+    """Return the error of the damping that the largest k_c needs, over its condition."""
+    limit = float(max_coupling_stiffness(v.loop(), v.b_c))
+    if np.isnan(limit):
+        return float("inf")
+    if limit == 0.0:
+        # A coupling without a spring needs an eighth of its damping.
+        return 0.0 if v.b_c / 8 >= v.b_d * (1 - 1e-15) else float("inf")
+    inputs = vars(replace(v, k_c=limit))
+    return twin.error_over_condition(v.b_d, twin.required, inputs)
 
 
 Computed: TypeAlias = Callable[[Inputs], Any]

@@ -27,8 +27,7 @@ _NOTHING = 1e-50
 _EVERYTHING = 1e50
 
 
-# The density. Every subject sees every environment equally often. Two parameters; a subject's
-# values are stacked by environment, then trial, then parameter.
+# The density. Every subject sees every environment equally often, and adjusts two parameters.
 
 
 @dataclass(frozen=True)
@@ -43,54 +42,33 @@ class Levels:
 
 
 def exact(response: Array, x: Array, levels: Levels) -> Number:
-    """Evaluate the log density in `DIGITS` digits."""
+    """Evaluate the log density in `DIGITS` digits, by one covariance of all responses."""
     import mpmath
 
+    rows = list(np.ndindex(response.shape))
     with mpmath.workdps(DIGITS):
-        subjects, environments, trials, _ = response.shape
-        covariance, design = _model(environments, trials, x, levels)
-        columns = []
-        for column in response.reshape(subjects, -1).T.tolist():
-            columns.append([mpmath.mpf(value) for value in column])
-        size = len(columns)
-        total = mpmath.matrix([mpmath.fsum(column) for column in columns])
-        inverse = covariance**-1
-        # The locations' factor is common to all subjects, and integrated out by Woodbury's formula.
-        pull = design.T * inverse
-        inner = mpmath.eye(design.cols) + subjects * pull * design
-        right = pull * total
-        distance = -(right.T * inner**-1 * right)[0]
-        for i in range(size):
-            distance += inverse[i, i] * mpmath.fdot(columns[i], columns[i])
-            for j in range(i):
-                distance += 2 * inverse[i, j] * mpmath.fdot(columns[i], columns[j])
-        log_determinant = subjects * mpmath.log(mpmath.det(covariance))
-        log_determinant += mpmath.log(mpmath.det(inner))
-        constant = subjects * size * mpmath.log(2 * mpmath.pi)
-        return -(distance + log_determinant + constant) / 2
-
-
-def _model(environments: int, trials: int, x: Array, levels: Levels) -> tuple[Number, Number]:
-    """Return a subject's covariance about the locations, and the locations' factor."""
-    import mpmath
-
-    correlation = 1 - mpmath.mpf(levels.rest)
-    rows = list(itertools.product(range(environments), range(trials), range(2)))
-    covariance = mpmath.matrix(len(rows), len(rows))
-    # Columns: two levels, two trends, and a deviation of each environment and parameter.
-    design = mpmath.matrix(len(rows), 4 + 2 * environments)
-    for i, (j, r, p) in enumerate(rows):
-        for other, (h, s, q) in enumerate(rows):
-            variance = mpmath.mpf(levels.shared) ** 2
-            if j == h:
-                variance += mpmath.mpf(levels.between) ** 2
-            if (j, r) == (h, s):
-                variance += mpmath.mpf(levels.trial) ** 2
-            covariance[i, other] = variance if p == q else correlation * variance
-        design[i, p] = mpmath.mpf(_ALPHA_SD)
-        design[i, 2 + p] = mpmath.mpf(_GAMMA_SD) * mpmath.mpf(float(x[p, j]))
-        design[i, 4 + 2 * j + p] = mpmath.mpf(levels.tau)
-    return covariance, design
+        number = mpmath.mpf
+        covariance = mpmath.matrix(len(rows), len(rows))
+        for row, (i, j, r, p) in enumerate(rows):
+            for column, (k, h, s, q) in enumerate(rows):
+                value = number(0)
+                if i == k:
+                    value += number(levels.shared) ** 2
+                if (i, j) == (k, h):
+                    value += number(levels.between) ** 2
+                if (i, j, r) == (k, h, s):
+                    value += number(levels.trial) ** 2
+                if p != q:
+                    value *= 1 - number(levels.rest)
+                else:
+                    trend = number(x[p, j]) * number(x[p, h])
+                    value += number(_ALPHA_SD) ** 2 + number(_GAMMA_SD) ** 2 * trend
+                    value += number(levels.tau) ** 2 * (j == h)
+                covariance[row, column] = value
+        values = mpmath.matrix(response.ravel().tolist())
+        distance = (values.T * mpmath.lu_solve(covariance, values))[0]
+        constant = len(rows) * mpmath.log(2 * mpmath.pi)
+        return -(distance + mpmath.log(mpmath.det(covariance)) + constant) / 2
 
 
 # The haptics formulas
@@ -146,53 +124,6 @@ def error_over_condition(
             moved = exact(_point({**precise, key: number * step}, mpmath))
             total += abs(moved - value) / mpmath.mpf(_STEP)
         return float(abs(mpmath.mpmathify(computed) - value) / max(size, total))
-
-
-def limit_error_over_condition(
-    stiffness: float, device: float, coupling: float, period: float
-) -> float:
-    """Return the same for the largest k_c of two dampings, from the damping it needs.
-
-    The error in k_c is the misfit of the required damping over its slope; so is what each input
-    contributes.
-
-    Parameters
-    ----------
-    stiffness : float
-        The largest k_c that percept gives, N/m.
-    device, coupling : float
-        b_d and b_c, N·s/m.
-    period : float
-        T, s.
-
-    Returns
-    -------
-    float
-        inf for NaN, and for no stiffness where some would do.
-    """
-    import mpmath
-
-    with mpmath.workdps(DIGITS):
-        b_d = mpmath.mpf(device)
-        b_c = mpmath.mpf(coupling)
-        t = mpmath.mpf(period)
-        k = mpmath.mpf(stiffness)
-        if np.isnan(stiffness):
-            return float("inf")
-        if k == 0:
-            enough = _largest_required(mpmath, k, b_c) >= b_d * (1 - mpmath.mpf("1e-15"))
-            return 0.0 if enough else float("inf")
-        step = 1 + mpmath.mpf(_STEP)
-
-        def needed(k: Number, b_c: Number, t: Number) -> Number:
-            return _largest_required(mpmath, k * t, b_c + k * t / 2)
-
-        base = needed(k, b_c, t)
-        by_k = abs(needed(k * step, b_c, t) - base) / mpmath.mpf(_STEP)
-        by_coupling = abs(needed(k, b_c * step, t) - base) / mpmath.mpf(_STEP)
-        by_period = abs(needed(k, b_c, t * step) - base) / mpmath.mpf(_STEP)
-        condition = (b_d + by_coupling + by_period) / by_k
-        return float(abs(base - b_d) / by_k / max(mpmath.mpf(1), condition))
 
 
 class _Point:

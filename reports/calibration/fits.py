@@ -12,6 +12,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import special
@@ -27,11 +28,11 @@ from reports.calibration.uniformity import ERROR, Calibration, Plan, calibrate
 from reports.page import Page, say
 from reports.studies import Array, Observed, model_of
 
-#: What a wrong model leaves out, by its name: the study it is fitted to, and the option that does.
-WRONG: dict[str, tuple[str, dict[str, bool]]] = {
+#: What a wrong model leaves out, by its name: the study it is fitted to, and what it takes it for.
+WRONG: dict[str, tuple[str, dict[str, Any]]] = {
     "without subjects' contrasts": (
         "two factors with interaction",
-        {"subjects_contrasts": False},
+        {"groups": ("hand", "load")},
     ),
     "one trial SD for all subjects": ("subjects' own trial SDs", {"own_trial_sds": False}),
 }
@@ -64,8 +65,8 @@ def fit_study(
     seeds = np.random.SeedSequence(plan.seed, spawn_key=(list(KINDS).index(plan.kind), index))
     truth_seed, run_seed, draw_seed = seeds.spawn(3)
     drawn = draw_study(KINDS[plan.kind], np.random.default_rng(truth_seed))
-    options = WRONG[plan.wrong][1] if plan.wrong else {}
-    model = change(model_of(drawn.observed, **options))
+    taken_for = WRONG[plan.wrong][1] if plan.wrong else {}
+    model = change(model_of(dataclasses.replace(drawn.observed, **taken_for)))
     settings = Settings(tolerance=plan.tolerance, seed=int(run_seed.generate_state(1)[0]))
     run = sample(model, Limits(model, kinds=("mean", "user")), settings)
     return Fitted(drawn, model, run, np.random.default_rng(draw_seed))

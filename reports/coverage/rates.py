@@ -68,23 +68,12 @@ _COLUMNS = ReadOptions(
 )
 
 
-@dataclass
-class Rates:
-    """Shares of studies with each outcome."""
-
-    real: float
-    does_not: float
-
-    @classmethod
-    def of(cls, outcomes: Sequence[str]) -> Rates:
-        """Count outcomes."""
-        count = max(1, len(outcomes))
-        return cls(outcomes.count("feels real") / count, outcomes.count("does not") / count)
-
-    @property
-    def undecided(self) -> float:
-        """Share of studies that say neither."""
-        return 1.0 - self.real - self.does_not
+def rates_of(outcomes: Sequence[str]) -> tuple[float, float, float]:
+    """Return the shares of studies that say "feels real", that it does not, and neither."""
+    count = max(1, len(outcomes))
+    real = outcomes.count("feels real") / count
+    does_not = outcomes.count("does not") / count
+    return real, does_not, 1.0 - real - does_not
 
 
 def binomial_error(studies: int) -> float:
@@ -92,7 +81,7 @@ def binomial_error(studies: int) -> float:
     return float(np.sqrt(DECISION * (1.0 - DECISION) / studies))
 
 
-def part_rates(n: int, place: str, studies: int) -> Rates:
+def part_rates(n: int, place: str, studies: int) -> tuple[float, float, float]:
     """Return classical verdicts by stiffness and damping: one at a place, the other at the centre.
 
     Parameters
@@ -106,7 +95,8 @@ def part_rates(n: int, place: str, studies: int) -> Rates:
 
     Returns
     -------
-    Rates
+    tuple of float
+        As `rates_of` gives them.
     """
     rng = np.random.default_rng([n, round(10 * PLACES[place])])
     outcomes = []
@@ -117,7 +107,7 @@ def part_rates(n: int, place: str, studies: int) -> Rates:
         parts = np.asarray(central_range_confidence(scores, users, central=LEVEL))
         for stiffness, damping in parts.tolist():
             outcomes.append(Confidence(stiffness, damping, n).verdict(DECISION))
-    return Rates.of(outcomes)
+    return rates_of(outcomes)
 
 
 def display_of(stiffness: float, damping: float) -> Display:
@@ -284,8 +274,7 @@ def page(out: Path, *, studies: int = 20_000, magnitude: int = 400, fits: int = 
     )
     rows: list[list[object]] = []
     for place, n in itertools.product(PLACES, SIZES):
-        found = part_rates(n, place, studies)
-        rows.append([place, n, *map(percent, (found.real, found.does_not, found.undecided))])
+        rows.append([place, n, *map(percent, part_rates(n, place, studies))])
     page.table(["displayed", "n", "said real", "said does not", "too little data"], rows)
     page.add("## Classical: abs(Z_h)")
     page.add(
@@ -297,10 +286,9 @@ def page(out: Path, *, studies: int = 20_000, magnitude: int = 400, fits: int = 
     for place, n in itertools.product(PLACES, SIZES):
         judged = functools.partial(magnitude_study, n, place)
         lines = store(out, f"{place} {n}").complete(judged, magnitude)
-        alone = Rates.of([line["magnitude"] for line in lines])
-        together = Rates.of([line["all"] for line in lines])
-        rates = (alone.real, alone.does_not, together.real, together.does_not)
-        rows.append([place, n, len(lines), *map(percent, rates)])
+        alone = rates_of([line["magnitude"] for line in lines])
+        together = rates_of([line["all"] for line in lines])
+        rows.append([place, n, len(lines), *map(percent, alone[:2] + together[:2])])
     heads = ["displayed", "n", "studies", "said real", "said does not"]
     page.table([*heads, "real by all", "does not by all"], rows)
     page.add("## Bayesian: users of the prior")

@@ -50,7 +50,7 @@ A device with a hand renders an environment directly or through a coupling, or a
 rigid wall behind it. Devices have up to two flexible modes; some environments have a mass, some
 loops a delay of whole samples or of a fraction, some a velocity filter. Motion is exact between
 samples, by the matrix exponential. Whether a hand makes it grow is read off the eigenvalues of one
-sample's step. All loops are simulated, and scaled to a part of the limit that `can_render` states."""
+sample's step. All loops are simulated, and scaled to a part of the limit of `can_render`."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,6 @@ from reports.hbfd.published import (
     Published,
     Wall,
     evidence,
-    undecided,
 )
 
 _SAME = 1e-9  # Relative difference of two ways to one number
@@ -155,7 +154,8 @@ def worst_case(published: Published) -> Evidence:
     """Say why nobody can judge that a worst-case design made the system unstable."""
     criterion = absolute_stability(published.loop, THEORETICAL)
     in_time = published.rendered(THEORETICAL)
-    return undecided(
+    return evidence(
+        None,
         margin=criterion.smallest_margin,
         omega=criterion.binding_omega,
         average=published.needed(),
@@ -172,7 +172,7 @@ def friction_ignored(published: Published) -> Evidence:
         found = can_render(published.loop, wall.environment, coupling=THEORETICAL)
         if found.verdict == "cannot":
             grows.append(wall.name)
-    return undecided(grows=grows, most=max(published.rendered(THEORETICAL).values()))
+    return evidence(None, grows=grows, most=max(published.rendered(THEORETICAL).values()))
 
 
 def stability_costs(published: Published) -> Evidence:
@@ -205,7 +205,7 @@ def perception_limited(published: Published) -> Evidence:
     wall, _ = published.drawn[-1]
     low, high = wall.stiffness
     width = (high - low) / wall.k
-    return undecided(wall=wall.name, high=high, above=wall.k / high - 1, width=width)
+    return evidence(None, wall=wall.name, high=high, above=wall.k / high - 1, width=width)
 
 
 def coupling_to_infinity(published: Published) -> Evidence:
@@ -311,21 +311,13 @@ def suits_high(published: Published) -> Evidence:
             inside.append(wall.name)
     parts = list(losses.values())
     falls = [soft >= stiff for soft, stiff in pairwise(parts)]
-    told = ", ".join(f"{fraction:.2%} ({name})" for name, fraction in losses.items())
-    if any(falls):
-        told = f"The stiffness lost does not rise with the wall’s: {told}."
-    else:
-        told = (
-            f"The opposite is true: the coupling takes {told} of the stiffness, more the stiffer"
-            " the wall."
-        )
     highest = list(losses)[-_HIGH:]
     cases = [name in inside for name in highest]
     kept = [name for name in highest if name in inside]
     return evidence(
         cases + falls,
         high=kept,
-        told=told,
+        losses=losses,
         inside=inside,
         most=parts[-1],
         felt=felt,

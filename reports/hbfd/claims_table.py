@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from decimal import Decimal
 
 import numpy as np
@@ -13,7 +12,7 @@ from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.inference import Moments, bias, t_interval, tolerance_factor
 from reports.hbfd.devices import BoolArray, direct_inside, largest, share_true
-from reports.hbfd.published import LOOKED_AT, Array, Evidence, Published, evidence, undecided
+from reports.hbfd.published import LOOKED_AT, Array, Evidence, Published, evidence
 
 _SHARE_CONFIDENCE = 0.95
 _ENOUGH_SUBJECTS = 30  # Section 3.1: this number of subjects is said to represent everybody
@@ -25,46 +24,31 @@ _HEAVIEST = 100.0  # kg; no m_e above it is looked at
 _MASSES = 1001  # Tried up to there
 
 
-@dataclass(frozen=True)
-class PrintedLimits:
-    """Limits of one row of Table 1, as percept prints them."""
+def limits_printed(published: Published) -> list[list[str]]:
+    """Return rows of Table 1: names, reference, both limits as printed, and as percept prints them.
 
-    environment: str
-    parameter: str
-    lower: str
-    upper: str
-
-
-def limits_printed(published: Published) -> list[PrintedLimits]:
-    """Return Table 1 as percept prints it, with as many digits as the paper."""
+    percept's have as many digits as the paper's.
+    """
     limits = published.limits
     interval = t_interval(limits.moments, level=limits.level)
-    lower = np.asarray(interval.lower)
-    upper = np.asarray(interval.upper)
     rows = []
     for i, environment in enumerate(limits.environments):
         for p, parameter in enumerate(limits.parameters):
-            low = _as_printed(lower[i, p], limits.lower[i][p])
-            high = _as_printed(upper[i, p], limits.upper[i][p])
-            rows.append(PrintedLimits(environment, parameter, low, high))
+            printed = [limits.lower[i][p], limits.upper[i][p]]
+            ends = [np.asarray(interval.lower)[i, p], np.asarray(interval.upper)[i, p]]
+            pairs = zip(ends, printed, strict=True)
+            ours = [Decimal(float(end)).quantize(limit) for end, limit in pairs]
+            numbers = [limits.reference[i][p], *printed, *ours]
+            rows.append([environment, parameter, *map(str, numbers)])
     return rows
-
-
-def _as_printed(value: float, printed: Decimal) -> str:
-    return str(Decimal(float(value)).quantize(printed))
 
 
 def table_1(published: Published) -> Evidence:
     """Say why nobody can judge whether Table 1 holds t-intervals (Eq. 15)."""
     limits = published.limits
     rows = limits_printed(published)
-    lower = [str(value) for row in limits.lower for value in row]
-    upper = [str(value) for row in limits.upper for value in row]
-    agree = 0
-    for row, low, high in zip(rows, lower, upper, strict=True):
-        agree += row.lower == low
-        agree += row.upper == high
-    return undecided(agree=agree, printed=2 * len(rows), factor=limits.factor)
+    agree = sum((lower == low) + (upper == high) for *_, low, high, lower, upper in rows)
+    return evidence(None, agree=agree, printed=2 * len(rows), factor=limits.factor)
 
 
 def reference_inside(published: Published) -> Evidence:
@@ -139,7 +123,8 @@ def normal_values(published: Published) -> Evidence:
     most = float(below.max())
     factor = float(tolerance_factor(n, published.limits.level, _SHARE_CONFIDENCE))
     negative = mean - factor * sd <= 0
-    return undecided(
+    return evidence(
+        None,
         negative=names[negative].tolist(),
         below=most,
         worst=names[below.argmax()],
@@ -177,7 +162,7 @@ def limits_suffice(published: Published) -> Evidence:
         spreads[wall.name] = max(uppers) / min(uppers) - 1
     worst = max(spreads, key=spreads.__getitem__)
     low, *_, high = _CORRELATIONS
-    return undecided(low=low, high=high, worst=worst, spread=spreads[worst])
+    return evidence(None, low=low, high=high, worst=worst, spread=spreads[worst])
 
 
 def _upper_of_ellipse(published: Published, k: Moments, b: Moments, correlation: float) -> float:

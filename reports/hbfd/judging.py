@@ -16,7 +16,7 @@ from percept.haptics import Device
 from percept.report.numbers import rounded
 from reports.hbfd import claims_coupling, claims_figures, claims_table
 from reports.hbfd.devices import DAMPINGS, MASSES
-from reports.hbfd.published import Evidence, Published, Value, undecided
+from reports.hbfd.published import Evidence, Published, Value, evidence
 
 Verdict = Literal["holds", "holds only if", "does not hold", "cannot be judged"]
 _Judge: TypeAlias = Callable[[Published], Evidence]
@@ -160,7 +160,7 @@ def _judge_of(sentence: Sentence) -> _Judge:
     for module in _MODULES:
         if hasattr(module, function):
             return getattr(module, function)
-    return lambda published: undecided()
+    return lambda published: evidence(None)
 
 
 def _numbers(

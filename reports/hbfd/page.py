@@ -93,16 +93,12 @@ def _counted(claims: list[Claim]) -> str:
     return f"{', '.join(counts)}."
 
 
-def table_rows(published: Published) -> Iterator[list[object]]:
+def table_rows(published: Published) -> Iterator[list[str]]:
     """Return Table 1 as printed, as percept prints it, and with limits for users."""
     limits = published.limits
-    user = prediction_interval(limits.moments, level=limits.level)
-    share = tolerance_interval(limits.moments, level=limits.level)
-    cells = np.ndindex(np.shape(limits.moments.mean))
-    for row, (i, p) in zip(limits_printed(published), cells, strict=True):
-        printed = [limits.reference[i][p], limits.lower[i][p], limits.upper[i][p]]
-        ranges = []
-        for interval in (user, share):
-            ends = np.asarray(interval.lower)[i, p], np.asarray(interval.upper)[i, p]
-            ranges.append(f"{ends[0]:.5g} to {ends[1]:.5g}")
-        yield [row.environment, row.parameter, *printed, row.lower, row.upper, *ranges]
+    of_users = []
+    for interval_of in (prediction_interval, tolerance_interval):
+        interval = interval_of(limits.moments, level=limits.level)
+        of_users.append(np.stack([np.ravel(interval.lower), np.ravel(interval.upper)], axis=1))
+    for number, row in enumerate(limits_printed(published)):
+        yield row + ["{:.5g} to {:.5g}".format(*ends[number]) for ends in of_users]

@@ -198,14 +198,9 @@ class Evidence:
     values: Mapping[str, Value]
 
 
-def evidence(cases: Iterable[object], **values: Value) -> Evidence:
-    """Return what decides: true or false in each case, and the values of the text."""
-    return Evidence([bool(case) for case in cases], values)
-
-
-def undecided(**values: Value) -> Evidence:
-    """Return the values of a text on a sentence that no published number decides."""
-    return Evidence(None, values)
+def evidence(cases: Iterable[object] | None, **values: Value) -> Evidence:
+    """Return what decides, true or false in each case or nothing, and the values of the text."""
+    return Evidence(None if cases is None else [bool(case) for case in cases], values)
 
 
 def load_published() -> Published:
