@@ -123,8 +123,8 @@ def _exact_sd(values: Array) -> float:
     import mpmath
 
     mean = _exact_mean(values)
-    total = sum((Fraction(value) - mean) ** 2 for value in values.tolist())
-    variance = total / (values.size - 1)
+    squares = ((Fraction(value) - mean) ** 2 for value in values.tolist())
+    variance = sum(squares, Fraction(0)) / (values.size - 1)
     with mpmath.workdps(60):
         return float(mpmath.sqrt(mpmath.mpf(variance.numerator) / variance.denominator))
 
