@@ -204,10 +204,11 @@ def entries(blocks: Block) -> list[Array]:
     return parts[::-1] if blocks.precision else parts
 
 
-def lower_factor(matrices: Array) -> Array:
+def lower_factor(matrices: Array, least: Array | None = None) -> Array:
     """Lower factors L of matrices LL', (K, K, ...), of which only the lower triangle is read.
 
-    Rows x' below the square, (K + n, K, ...), become (L⁻¹x)'.
+    Rows x' below the square, (K + n, K, ...), become (L⁻¹x)'. Rounding may leave no square of a
+    pivot below the least, (...).
     """
     factor = np.zeros_like(matrices)
     for i in range(matrices.shape[1]):
@@ -216,7 +217,10 @@ def lower_factor(matrices: Array) -> Array:
             row = factor[i, :i]
             rows_from_here = factor[i:, :i]
             column = column - np.einsum("k...,ik...->i...", row, rows_from_here)
-        pivot = np.sqrt(column[0])
+        square = column[0]
+        if least is not None:
+            square = np.maximum(square, least)
+        pivot = np.sqrt(square)
         np.divide(column, pivot, out=factor[i:, i])
     return factor
 

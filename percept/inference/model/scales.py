@@ -13,10 +13,9 @@ c, N subjects i and J environments:
     tau[p], tau:hand[p]         SDs of the environments' deviations
     eta:hand[p,·]               how the size of the subjects' effects differs between levels
 
-Correlations exist with two quantities only. With more than two columns of log SDs their
-coefficients are `coefficients[p,·]`, quantity by quantity. Under the prior every coordinate is
-standard normal and independent, but for sigma, these coefficients and phi: `CellSpreads` and
-`SubjectSpreads` shape them by the data, and give their density.
+Correlations exist with two quantities only. Columns of log SDs for factors have the coefficients
+psi:hand[p]. Under the prior every coordinate is standard normal and independent, but for sigma and
+phi: `CellSpreads` and `SubjectSpreads` shape these by the data, and give their density.
 """
 
 from __future__ import annotations
@@ -200,12 +199,8 @@ class Coordinates:
         if level.departures:
             cells = self._design.cells.names
             self._name(f"sigma{level.suffix}", parameters, cells, standard=False)
-        if level.follows_trend:
-            for coefficient in level.coefficients:
-                self._name(coefficient, parameters)
-        else:
-            coefficients = f"coefficients{level.suffix}"
-            self._name(coefficients, parameters, level.coefficients, standard=False)
+        for coefficient in level.coefficients:
+            self._name(coefficient, parameters)
         if level.departures and level.single_sd is None:
             scale = getattr(self._priors, f"omega{level.suffix}_scale")
             self._name(f"omega{level.suffix}", parameters, half_normal=scale)
@@ -236,10 +231,6 @@ class Coordinates:
             if level.departures:
                 units = np.sqrt(1.0 + level.weight.ravel())
                 limits[self.slots[f"sigma{level.suffix}"]] *= units
-            if not level.follows_trend:
-                # All cells inform a coefficient: their weights add up.
-                unit = np.sqrt(1.0 + level.weight.sum(axis=1).max())
-                limits[self.slots[f"coefficients{level.suffix}"]] *= unit
         if self._subject_spreads is not None:
             units = np.sqrt(1.0 + self._subject_spreads.weight.max())
             limits[self.slots["phi"]] *= units
@@ -366,8 +357,6 @@ class Coordinates:
 
     def _coefficient_coordinates(self, level: CellSpreads, coordinates: Array) -> Array:
         """Coordinates of the coefficients of log SDs, (P, K, W)."""
-        if not level.follows_trend:
-            return self._by_quantity(f"coefficients{level.suffix}", coordinates)
         shape = (self._design.parameters, len(level.coefficients), coordinates.shape[1])
         columns = np.empty(shape)
         for k, name in enumerate(level.coefficients):

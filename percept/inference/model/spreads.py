@@ -1,47 +1,69 @@
 """Log SDs of all cells at one level, between subjects or between trials, from their coordinates.
 
-Log SDs follow K columns (a level, a trend over the references, contrasts of factors) and scatter
-about them with the SD omega. Each quantity has a map: `TrendMap` for up to two columns and
-`LogLinear` for more. The rough likelihood of the second quantity moves with the log SDs of the
-first, as `RoughLikelihood` says.
+For one quantity the log SDs of C cells are
 
-`LogLinear` has log sigma = m + U h + omega e, U the columns, and h (K,) and e (C,) standard normal.
-Given omega, a rough likelihood N(log sigma; l, diag(1/w)) of the data makes (h, e) normal once
-more, and the coordinates (u, v) are its standardised form:
+    log sigma = m + U h + omega e
 
-    q = w / (1 + w omega²)
-    LL' = I + U' diag(q) U
-    h = L'^-1 (L^-1 U' diag(q) (l - m) + u)
-    e = omega q (l - m - U h) + v / sqrt(1 + w omega²)
+    m       prior mean, one number
+    U       columns (level, trend over the references, factors) times their prior SDs, (C, K)
+    h       coefficients of the columns over their prior SDs, (K,), standard normal
+    omega   SD of log sigma about the columns, one number
+    e       departures from the columns over omega, (C,), standard normal
 
-The coordinates are then near standard normal under the posterior, whether omega is large or nearly
-zero. The rough likelihood shapes the coordinates alone: their density under the prior is exact, the
-normal density of h and e times the Jacobian prod(1 + w omega²)^(-1/2) / det L.
+The data give log sigma a rough likelihood N(log sigma; l, diag(1/w)), with l and w (C,); that of a
+second quantity moves with the log SDs of the first (`rough`). Given omega, log sigma is then normal
+with some mean and covariance. The coordinates u of log sigma are standard normal under this law, so
+that they are nearly so under the posterior. Neither a centred nor a non-centred form is that for
+all data. The rough likelihood shapes the coordinates alone: the Jacobian is included, so that the
+prior is exact. Given omega, prior and rough likelihood give in turn
+
+    s = 1 + w omega²                      precision of e given h, (C,)
+    q = w / s                             weight of l about the columns, (C,)
+    LL' = I + U' diag(q) U                precision of h, (K, K)
+    G = diag(s)^(-1/2) U L'^(-1)          (C, K)
+    V = diag(s)^(-1/2) (omega² I + G G') diag(s)^(-1/2)
+
+with V the covariance. With B = G'G and FF' = omega² I + B, a root of its middle is
+
+    omega I + G (F + omega I)^(-1) G'
+
+and the map from u is, with nothing divided by an omega that may be tiny,
+
+    y = (F + omega I)^(-1) G'u
+    h = L'^(-1) (L^(-1) U' diag(q) (l - m) + y)
+    e = omega q (l - m - U h) + u / √s
+
+This h is one of many that give the same log sigma. The prior density is that of log sigma, with the
+coefficients integrated out. They have coordinates of their own, standard normal, and take their
+exact law given log sigma and omega, of which the data say nothing more.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.model.blocks import log_diagonal, lower_factor, solve_lower, solve_upper
+from percept.inference.model.blocks import (
+    log_diagonal,
+    lower_factor,
+    solve_lower,
+    solve_upper,
+    with_prior,
+)
 from percept.inference.model.design import LEVEL, TREND, Design
 from percept.inference.model.priors import Priors
 from percept.inference.model.rough import likelihood_between, likelihood_of_trials
 from percept.inference.model.statistics import Statistics
-from percept.inference.model.trend_map import LogSpreads, TrendMap
 
-__all__ = ["CellSpreads", "numbered"]
+__all__ = ["CellSpreads", "SpreadMap", "numbered"]
 
 Array = NDArray[np.float64]
 
 _LOG_2PI = math.log(2.0 * math.pi)
-#: Columns that `TrendMap` takes. With two subjects its chains forget three times as fast as those
-#: of `LogLinear` (autocorrelation 28 against 86 steps).
-_TREND_COLUMNS = 2
 
 
 def numbered(name: str, count: int) -> list[str]:
@@ -49,6 +71,15 @@ def numbered(name: str, count: int) -> list[str]:
     if count == 1:
         return [name]
     return [f"{name}:{k + 1}" for k in range(count)]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LogSpreads:
+    """Log SDs at W sets of coordinates, and what they are made of."""
+
+    log_sigma: Array  # (C, W)
+    multiples: Array  # (K, W) h: coefficients over their prior SDs
+    log_density: Array  # (W,) Of the coordinates under the prior
 
 
 class CellSpreads:
@@ -73,8 +104,6 @@ class CellSpreads:
         Whether log SDs scatter about their columns.
     single_sd : float or None
         SD of that scatter without columns; otherwise it is estimated.
-    follows_trend : bool
-        Whether the coordinates of the coefficients are those of `TrendMap`.
     rho : str
         Name of the correlation of the level.
     weight : ndarray
@@ -100,7 +129,6 @@ class CellSpreads:
         self.departures = not terms or not design.options.common_spread
         log_s_sd = getattr(priors, f"log_s{suffix}_sd")
         self.single_sd = None if terms else log_s_sd
-        self.follows_trend = len(self.coefficients) <= _TREND_COLUMNS
         self._centre = getattr(priors, f"log_s{suffix}_mean")
         columns = [term.columns for term in terms]
         nothing = np.zeros((0, *design.cells.x.shape))
@@ -117,10 +145,9 @@ class CellSpreads:
                 subject_effect=bool(design.subject),
             )
         self.weight = self._rough.weight
-        make = TrendMap if self.follows_trend else LogLinear
         self._maps = []
         for p, of_quantity in enumerate(self._loadings):
-            of_map = make(self._centre, of_quantity, self._rough.mean[p], self.weight[p])
+            of_map = SpreadMap(self._centre, of_quantity, self._rough.mean[p], self.weight[p])
             self._maps.append(of_map)
 
     def __call__(
@@ -168,65 +195,122 @@ def _stacked(spreads: Sequence[LogSpreads]) -> LogSpreads:
     )
 
 
-class LogLinear:
-    """Map from coordinates to the log SDs of one quantity at one level.
+class SpreadMap:
+    """Map coordinates to the log SDs of one quantity at one level.
 
-    The columns (K, C) are multiplied by their prior SDs. The rough likelihood is (C,); a cell of
-    weight zero has none.
+    Parameters
+    ----------
+    centre : float
+        Prior mean m of log sigma.
+    loadings : ndarray
+        U', (K, C).
+    rough_mean, rough_weight : ndarray
+        Rough likelihood of log sigma, l and w, (C,); a cell of weight zero has none.
     """
 
     def __init__(
         self,
         centre: float,
-        columns: Array,
+        loadings: Array,
         rough_mean: Array,
         rough_weight: Array,
     ) -> None:
-        self.centre = centre
-        self.columns = columns
-        departure = np.where(rough_weight > 0, rough_mean - centre, 0.0)
-        self._rough_departure = departure[:, None]  # l - m
-        self._weight = rough_weight[:, None]
-        products = columns[:, None] * columns[None]
-        self._products = products.reshape(-1, columns.shape[1])
+        count, cells = loadings.shape
+        self._centre = centre
+        self._weight = rough_weight[:, None]  # (C, 1) w
+        self._rough_departure = (rough_mean - centre)[:, None]  # (C, 1) l - m
+        # Turn the columns: U' = rotation diag(sizes) directions. All formulas hold for the turned
+        # columns, which are orthogonal, and the turned coefficients rotation'h. Padded, so that
+        # few cells have K singular values too; no column is one of zeros.
+        padded = np.pad(loadings, ((0, 1 - min(count, 1)), (0, max(count, 1))))
+        self._rotation, sizes, directions = np.linalg.svd(padded, full_matrices=False)
+        self._sizes = sizes[:, None]  # (K, 1)
+        # A direction without size is arbitrary: it may even point into the padding.
+        within = directions[:, :cells]
+        self._directions = np.where(self._sizes > 0, within, 0.0)  # (K, C)
+        self._loadings = self._sizes * self._directions  # (K, C) U' turned
+        products = self._loadings[:, None] * self._loadings
+        #: (K K, C) Times x (C,), these give the entries of U' diag(x) U.
+        self._products = products.reshape(-1, cells)
+        #: Rows of the rotation that have coordinates, (k, K).
+        self._rotated = self._rotation[:count]
 
     def __call__(
         self,
+        trend: Array,
         u: Array,
-        v: Array,
         omega: Array,
         shift: Array | float = 0.0,
     ) -> LogSpreads:
-        """Map coordinates u (K, W) and v (C, W), given omega (W,).
+        """Map coordinates to log SDs at W sets of scales.
 
-        The means of the rough likelihood are moved by a shift (C, W).
+        Parameters
+        ----------
+        trend : ndarray
+            Coordinates of the coefficients, (K, W), standard normal.
+        u : ndarray
+            Coordinates of log sigma, (C, W).
+        omega : ndarray
+            SD of log sigma about the columns, (W,).
+        shift : ndarray, optional
+            What is added to the rough means l, (C, W).
         """
         rough_departure = self._rough_departure + shift
-        precision = 1.0 + self._weight * omega**2  # of e, given h
+        variance = omega * omega
+        precision = 1.0 + self._weight * variance  # s
         weight = self._weight / precision  # q
-        h, log_det_factor = self._coefficients(u, weight, rough_departure)
-        middle = self.columns.T @ h
-        e = omega * weight * (rough_departure - middle) + v / np.sqrt(precision)
-        squares = np.einsum("kw,kw->w", h, h) + np.einsum("cw,cw->w", e, e)
-        # The prior of h and e times the Jacobian of the map.
-        log_precision = np.log(precision).sum(axis=0)
-        log_density = -0.5 * (squares + log_precision) - log_det_factor
-        log_density -= 0.5 * _LOG_2PI * (len(u) + len(v))
-        return LogSpreads(self.centre + middle + omega * e, h, log_density)
+        scaled_u = u / np.sqrt(precision)
+        factor = lower_factor(with_prior(self._squares(weight)))  # L
+        root = self._root(precision, factor, variance)  # F
+        g_u = solve_lower(factor, self._loadings @ scaled_u)  # G'u
+        y = solve_lower(_plus_diagonal(root, omega), g_u)
+        pull = self._loadings @ (weight * rough_departure)
+        whitened_mean = solve_lower(factor, pull)
+        h = solve_upper(factor, y + whitened_mean)
+        about_columns = self._loadings.T @ h  # U h
+        unexplained = rough_departure - about_columns
+        e = omega * weight * unexplained + scaled_u
 
-    def _coefficients(
-        self,
-        u: Array,
-        weight: Array,
-        rough_departure: Array,
-    ) -> tuple[Array, Array]:
-        """Multiples h (K, W), and log det L (W,)."""
-        size = len(u)
-        precision = (self._products @ weight).reshape(size, size, -1)
-        diagonal = np.arange(size)
-        precision[diagonal, diagonal] += 1.0
-        factor = lower_factor(precision)
-        right = self.columns @ (weight * rough_departure)
-        # mean + L'^-1 u with the mean L'^-1 L^-1 right, in one solution.
-        whitened_mean = solve_lower(factor, right)
-        return solve_upper(factor, whitened_mean + u), log_diagonal(factor)
+        # The prior covariance omega² I + UU' of log sigma is omega² I but along K directions.
+        e_along = self._directions @ e
+        e_across = e - self._directions.T @ e_along
+        along = self._sizes * h + omega * e_along
+        variance_along = variance + self._sizes * self._sizes
+        whitened_along = along / variance_along
+        squares = np.einsum("cw,cw->w", e_across, e_across)
+        squares += np.einsum("kw,kw->w", along, whitened_along)
+        # Half of log det V less half of log det(omega² I + UU'): powers of omega cancel.
+        log_precision = np.log(precision).sum(axis=0)
+        log_variance = np.log(variance_along).sum(axis=0)
+        log_density = log_diagonal(root) - 0.5 * (squares + log_precision + log_variance)
+        log_density -= 0.5 * _LOG_2PI * len(u)
+
+        # The turned coefficients are independent given log sigma, with these means and SDs.
+        conditional_mean = self._sizes * whitened_along
+        conditional_sd = omega / np.sqrt(variance_along)
+        turned = conditional_mean + conditional_sd * (self._rotated.T @ trend)
+        return LogSpreads(
+            log_sigma=self._centre + about_columns + omega * e,
+            multiples=self._rotated @ turned,
+            log_density=log_density,
+        )
+
+    def _squares(self, weight: Array) -> Array:
+        """U' diag(x) U, (K, K, W), for weights x (C, W)."""
+        size = len(self._loadings)
+        return (self._products @ weight).reshape(size, size, -1)
+
+    def _root(self, precision: Array, factor: Array, variance: Array) -> Array:
+        """F, from precisions s (C, W), the factor L and omega²."""
+        half = solve_lower(factor[:, :, None], self._squares(1.0 / precision))
+        b = solve_lower(factor[:, :, None], half.swapaxes(0, 1))
+        # What B adds is positive: rounding may not leave a pivot below omega².
+        return lower_factor(_plus_diagonal(b, variance), least=variance)
+
+
+def _plus_diagonal(matrices: Array, value: Array) -> Array:
+    """Add values (W,) to the diagonals of matrices (K, K, W)."""
+    whole = matrices.copy()
+    diagonal = np.arange(len(matrices))
+    whole[diagonal, diagonal] += value
+    return whole
