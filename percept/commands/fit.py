@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -128,9 +129,7 @@ def _report(arguments: argparse.Namespace) -> int:
             beside=beside,
             force=arguments.force,
         )
-    if not arguments.quiet:
-        _print_findings(page, printable)
-    print(page)
+    _say_answer(page, arguments)
     return verdict(study)
 
 
@@ -153,19 +152,28 @@ def _report_again(arguments: argparse.Namespace) -> int:
             progress=progress.stage,
             force=arguments.force,
         )
-    if not arguments.quiet:
-        _print_findings(page, printable)
-    print(page)
+    _say_answer(page, arguments)
     return 0
 
 
-def _print_findings(page: Path, say: Callable[[str], str]) -> None:
-    """Print the sentences and warnings of a report's first screen."""
+def _say_answer(page: Path, arguments: argparse.Namespace) -> None:
+    """Print the findings and the path of a page, or a line alone; open it if that was asked."""
+    if not arguments.quiet:
+        _print_findings(page, printable, is_short=arguments.short)
+    if not arguments.short:
+        print(page)
+    if arguments.open:
+        webbrowser.open(page.resolve().as_uri())
+
+
+def _print_findings(page: Path, say: Callable[[str], str], *, is_short: bool) -> None:
+    """Print the sentences and warnings of a report's first screen, or its first sentence."""
     summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
     # What `verdict` says stands on standard error.
     told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
     warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
-    print("\n".join(map(say, [*summary["overview"]["sentences"], *warnings])))
+    sentences = summary["overview"]["sentences"]
+    print("\n".join(map(say, sentences[:1] if is_short else [*sentences, *warnings])))
 
 
 def _predict(arguments: argparse.Namespace) -> None:
@@ -290,6 +298,8 @@ REPORT = Command(
         checks_argument(usual=True),
         folder("report"),
         flag("--why", "say why the methods differ; samples the models between them"),
+        flag("--short", "print the answer in one line, and nothing else"),
+        flag("--open", "open the page in a browser"),
         argument(
             "--formats",
             "FORM",

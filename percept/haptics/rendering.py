@@ -13,8 +13,8 @@ if the poles of H lie inside the unit circle and no ω asks for more than the de
     W = T·(1 − e^{−2jh})·H/(4 sin² h)
 
 A whole delay of n samples multiplies W by e^{−2jnh}. A further fraction f turns each alias of ω by
-another angle. Their discs then add up to the condition of `_load`. Tustin's method has no place
-here: its damper has a pole at z = −1, so no damping is enough for every hand.
+another angle. Their discs then add up to the condition of `_load`. Tustin's method is left out: its
+damper has a pole at z = −1, so no damping is enough for every hand.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def needed_damping(
 ) -> NeededDamping:
     """Return the damping above which a rigid device renders with every passive hand.
 
-    Parameters as in `rendering_load`, those of environment and coupling of shapes that broadcast.
+    Parameters as in `rendering_load`; the shapes of environment and coupling broadcast.
     The device of the loop does not count.
 
     Returns
@@ -237,7 +237,7 @@ def rendering_margins(
 ) -> FloatArray:
     """Return what a device dissipates over what is asked for, at the ω where that is least.
 
-    Parameters as in `rendering_load`, those of environment and coupling of shapes that broadcast.
+    Parameters as in `rendering_load`; the shapes of environment and coupling broadcast.
 
     Returns
     -------

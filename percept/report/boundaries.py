@@ -59,7 +59,7 @@ _SHAPES = {
     "pointwise": "limits of |Z_h| by the law of k and b together; the level holds at each ω alone",
     "simultaneous": (
         "limits between which a whole curve stays: pointwise limits at a higher level (Bayesian),"
-        " or those of Hotelling’s ellipse joined with the pointwise ones (classical)"
+        " or the limits of Hotelling’s ellipse joined with the pointwise ones (classical)"
     ),
 }
 _LAWS = {"weber": "w·{0}", "offset": "c + w·{0}", "power": "w·{0}^p"}

@@ -118,12 +118,12 @@ def _grounds(rows: Sequence[ContrastRow], words: Words) -> list[str]:
         sentences.append(
             f"Every {words.subject} went through all levels of {within}: contrasts pair each"
             f" {words.subject}’s own means. Classical limits are paired t, prediction and tolerance"
-            " intervals; those of spread are Pitman and Morgan’s."
+            " intervals, of spread Pitman and Morgan’s."
         )
     if groups:
         sentences.append(
-            f"Different {words.subjects} are compared in {groups}. Classical limits are Welch’s;"
-            " those of spread are F limits."
+            f"Different {words.subjects} are compared in {groups}. Classical limits are Welch’s, of"
+            " spread F limits."
         )
     if matching(rows, method="bayesian"):
         sentences.append(

@@ -262,6 +262,12 @@ class Study(Displayed):
             fill_report(folder, made, posterior=self.posterior, formats=formats, **options)
         return Path(directory) / "report.html"
 
+    def decide(self) -> tuple[str, ...]:
+        """Say what is so, how sure that is, and what to do next: a report's first sentences."""
+        from percept.report.overview import decide
+
+        return tuple(decide(self.results()))
+
     # Every plot draws on the matplotlib axes `ax`, or on a new figure without them, and returns the
     # axes. It raises UsageError for a name that the study does not have, RefusalError where there
     # is nothing to plot.

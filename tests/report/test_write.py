@@ -2,6 +2,9 @@ from __future__ import annotations
 
 import copy
 import datetime
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -113,12 +116,13 @@ def test_steps_are_told(quick, tmp_path):
         "working out intervals",
         "contrasting levels",
         "working out boundaries",
-        "judging what feels real",
         "judging what can be rendered",
         "fitting the band law",
+        "comparing the methods",
+        "checking the model",
+        "judging what feels real",
         "mapping couplings",
         "trying other devices",
-        "comparing the methods",
         "writing tables",
         "drawing figures",
         "writing the page",
@@ -158,6 +162,25 @@ def test_a_report_made_again_from_its_json_is_the_same_to_the_byte(report, tmp_p
         if name.suffix == ".html":
             before = before.replace(b"2026-01-01", today.encode())
         assert (again / name).read_bytes() == before, name
+
+
+def test_the_answer_alone_and_the_page_in_a_browser(report, classical, classical_study, tmp_path):
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/opened\n')
+    browser.chmod(0o755)
+    words = ["report", "--from", str(report / "report.json"), "--out", str(tmp_path / "out")]
+    ran = subprocess.run(
+        [sys.executable, "-m", "percept", *words, "--short", "--open"],
+        env={**os.environ, "BROWSER": f"{browser} %s"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (line,) = ran.stdout.splitlines()
+    assert line.startswith("Through this coupling, only VE1 and VE2 can be rendered with every")
+    page = tmp_path / "out" / "report.html"
+    assert (tmp_path / "opened").read_text().strip() == page.resolve().as_uri()
+    assert list(classical_study.decide()) == classical["summary"]["overview"]["sentences"]
 
 
 @pytest.mark.parametrize(
