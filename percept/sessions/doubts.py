@@ -15,7 +15,17 @@ import pandas as pd
 from percept.errors import counted
 from percept.sessions.merged import by_environment
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import IDS, Factors, Found, Notice, Place, Places, clip, shown
+from percept.sessions.records import (
+    IDS,
+    MOST_CONDITIONS,
+    Factors,
+    Found,
+    Notice,
+    Place,
+    Places,
+    clip,
+    shown,
+)
 from percept.sessions.slips import slips
 from percept.sessions.values import fold, is_missing
 
@@ -26,8 +36,6 @@ _EQUAL = 4
 _DIFFERENT = 3
 #: Values below this share of all are few.
 _FEW = 0.05
-#: Environments that a study hardly has on purpose.
-_MANY = 12
 #: Values that are named as mistyped; where more are, they have another reason.
 _MOST_SLIPS = 20
 #: Names of logarithmic units.
@@ -184,7 +192,7 @@ def _single_trials(trials: Trials) -> Iterator[Found]:
     """Warn of references that differ on every trial."""
     counts = trials.table["environment"].value_counts(sort=False)
     single = int((counts == 1).sum())
-    if len(counts) > _MANY and single > len(counts) / 2:
+    if len(counts) > MOST_CONDITIONS and single > len(counts) / 2:
         text = (
             f"{single} of {len(counts)} environments have one trial: the reference seems to differ"
             " on every trial. Name a column of conditions, environment in [columns], and give each"

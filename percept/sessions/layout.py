@@ -11,8 +11,8 @@ from percept.sessions.values import is_missing
 
 #: Physical line and cells of a row.
 _Row = tuple[int, list[str]]
-#: Lines of a text that are looked at.
-_MOST_ROWS = 50
+#: First rows of a table that are looked at.
+MOST_ROWS = 50
 _NUMBER = re.compile(r"[+-]?([0-9]+[.,]?[0-9]*|[.,][0-9]+)([eE][+-]?[0-9]+)?")
 _COMMENT = ("#", "%", "//")
 
@@ -26,7 +26,7 @@ def refuse_layout(rows: Sequence[tuple[int, Sequence[str]]], file: str) -> None:
     stripped = [(line, [cell.strip() for cell in cells]) for line, cells in rows]
     filled = [(line, cells) for line, cells in stripped if any(cells)]
     for check in _CHECKS if filled else ():
-        if problem := check(filled[:_MOST_ROWS]):
+        if problem := check(filled[:MOST_ROWS]):
             problem.file = file
             raise problem
 
@@ -119,7 +119,7 @@ _CHECKS: tuple[Callable[[list[_Row]], LayoutError | None], ...] = (
 
 def refuse_aligned(text: str, file: str, row: int) -> None:
     """Refuse columns that runs of spaces align."""
-    lines = [line for line in text.splitlines()[:_MOST_ROWS] if line.strip()]
+    lines = [line for line in text.splitlines()[:MOST_ROWS] if line.strip()]
     widths = {len(line.split()) for line in lines}
     if len(widths) == 1 and widths != {1} and any("  " in line.strip() for line in lines):
         message = "runs of spaces align the columns, which percept does not read."

@@ -23,14 +23,12 @@ from percept.sessions.layout import refuse_headless
 from percept.sessions.options import ReadOptions
 from percept.sessions.paths import expand
 from percept.sessions.quantities import IMPEDANCE, TO_FILL_IN, quantity_of
-from percept.sessions.records import Problems, shown
+from percept.sessions.records import MOST_CONDITIONS, Problems, shown
 from percept.sessions.tables import read_grid
 from percept.sessions.values import CellError, is_missing, pick
 
 #: Files of a folder, and members of an archive, that are looked at.
 _FILES = 40
-#: More values of a reference than these name no environments.
-_MOST_ENVIRONMENTS = 12
 #: Share of numbers among the cells of a column of numbers: a few may be slips.
 _NUMERIC = 0.9
 #: Rows from which on two different values are answers to a choice, and no adjustments.
@@ -244,7 +242,7 @@ def _roles(table: _Table) -> _Roles:
     environment = _alone(environments)
     if environment and not _tells_environments(environment, subject, first):
         environment = None
-    few = isinstance(first, _Column) and len(first.texts) <= _MOST_ENVIRONMENTS
+    few = isinstance(first, _Column) and len(first.texts) <= MOST_CONDITIONS
     if environments or not (few or isinstance(first, str)):
         roles["environment"] = environment
     roles |= numbers
@@ -287,7 +285,7 @@ def _tells_environments(column: _Column, subject: _Column | None, reference: obj
         of_subject = column.cells.groupby(subject.cells).nunique()
         if len(column.texts) > 1 and (of_subject == 1).all():
             return False
-    return len(column.texts) <= _MOST_ENVIRONMENTS or not _counts(column, subject)
+    return len(column.texts) <= MOST_CONDITIONS or not _counts(column, subject)
 
 
 def _counts(column: _Column, subject: _Column | None) -> bool:

@@ -21,6 +21,7 @@ from percept.sessions.quantities import Quantities, trial_columns
 from percept.sessions.records import (
     IDS,
     MASS,
+    MOST_CONDITIONS,
     SUMMARY_COLUMNS,
     Exclusion,
     Factors,
@@ -36,8 +37,6 @@ from percept.sessions.trials import read_trials
 
 #: Opens the input, once for each reading.
 _Opened = Callable[[Log], Iterator[OpenFile]]
-#: A column of more values than this counts or times trials, and names no condition.
-_MOST_LEVELS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,6 +373,6 @@ def _telling_columns(log: Log, opened: _Opened) -> list[str]:
         merged = pd.concat([read_trials(file) for file in files])
         for name in merged.columns.intersection(log.unused):
             levels = merged[name].nunique()
-            if levels <= _MOST_LEVELS and not merged.duplicated([*checks.TRIAL, name]).any():
+            if levels <= MOST_CONDITIONS and not merged.duplicated([*checks.TRIAL, name]).any():
                 telling[name] = levels
     return sorted(telling, key=lambda name: telling[name])

@@ -14,6 +14,8 @@ IDS = ("subject", "session", "environment")
 #: Mass of an environment (Eq. 7): a reference that nobody adjusts.
 MASS = "m_ref"
 SUMMARY_COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
+#: A study hardly has more environments or conditions on purpose.
+MOST_CONDITIONS = 12
 #: Lines of a message about several problems.
 _LISTED = 10
 #: Problems that are kept; of a broken file of a million rows nobody reads more.

@@ -18,7 +18,7 @@ from itertools import chain, islice
 from typing import Literal
 
 from percept.errors import UsageError
-from percept.sessions.layout import LayoutError, refuse_aligned, refuse_layout
+from percept.sessions.layout import MOST_ROWS, LayoutError, refuse_aligned, refuse_layout
 from percept.sessions.records import NoDataError, clip
 
 #: Physical line (the header's is 1) and cells.
@@ -35,9 +35,8 @@ _MOST_CELLS = 20_000
 #: Characters of a header, and of a line below it, which may hold mouse tracks.
 _LONGEST_HEADER = 1 << 19
 _LONGEST_LINE = 1 << 23
-#: A dialect is tried on so many rows; text around a table is looked for in the first of them.
+#: A dialect is tried on so many rows.
 _SAMPLE = 2_000
-_FIRST = 60
 _QUOTES_HINT = "Write the table again as CSV with quotes doubled."
 # A cell may span lines; csv's own limit of 128 kB is below what mouse tracks take.
 csv.field_size_limit(max(csv.field_size_limit(), 8 * _LONGEST_LINE))
@@ -204,7 +203,7 @@ def _quotings(text: str) -> tuple[Quoting, ...]:
 
 def _with_header(records: Rows, file: str, delimiter: str) -> Grid:
     """Make a table of records. The first line that is not blank is the header."""
-    first = list(islice(records, _FIRST))
+    first = list(islice(records, MOST_ROWS))
     refuse_layout(first, file)
     filled = [at for at, (_, cells) in enumerate(first) if any(map(str.strip, cells))]
     if not filled:

@@ -12,7 +12,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -22,7 +22,7 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import matlab
 from percept.sessions.files import Input, is_workbook, load
-from percept.sessions.layout import refuse_layout
+from percept.sessions.layout import MOST_ROWS, refuse_layout
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, shown
 from percept.sessions.text import Grid
@@ -33,8 +33,6 @@ _Table = list[Sequence[Any]]
 _Reader = Callable[[Input, FileLimits], _Table]
 #: How JSON begins that holds records or lists.
 _JSON = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
-#: Rows of a sheet in which text around the table is looked for.
-_FIRST_ROWS = 60
 #: Bytes that tell a format.
 _BEGINNING = 256
 #: Bytes of one cell of a database: more than any mouse track has.
@@ -103,8 +101,16 @@ def typed_grid(entry: Input, limits: FileLimits) -> Grid:
         The file is broken, lacks the part, passes a limit, or needs a package that is missing.
     """
     reader = _reader(entry) or _sheet
-    try:
+    with _refusing(entry):
         rows = reader(entry, limits)
+    return grid_of(rows, entry.name, limits)
+
+
+@contextmanager
+def _refusing(entry: Input) -> Iterator[None]:
+    """Refuse a file in which a reader meets what it cannot read, or that needs another package."""
+    try:
+        yield
     except UsageError:
         raise
     except ImportError as error:
@@ -115,7 +121,6 @@ def typed_grid(entry: Input, limits: FileLimits) -> Grid:
     except Exception as error:  # noqa: BLE001
         message = f"a broken file: {str(error).rstrip('.')}."
         raise UsageError(message, file=entry.name, hint="Write it again, or as CSV.") from None
-    return grid_of(rows, entry.name, limits)
 
 
 def grid_of(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Grid:
@@ -200,13 +205,14 @@ def _parquet(entry: Input, limits: FileLimits) -> _Table:
 
 def sheets(entry: Input) -> list[Input]:
     """Give each sheet of a workbook that has a cell with a value as an input of its own."""
-    book = _workbook(entry)
     found = []
-    for page in book:
-        if any(value is not None for row in page.iter_rows(values_only=True) for value in row):
-            name = page.title
-            path = f"{entry.path}/{name}"
-            found.append(replace(entry, name=f"{entry.name}::{name}", path=path, part=name))
+    with _refusing(entry):
+        for page in _workbook(entry):
+            rows = page.iter_rows(values_only=True)
+            if any(value is not None for row in rows for value in row):
+                name = f"{entry.name}::{page.title}"
+                path = f"{entry.path}/{page.title}"
+                found.append(replace(entry, name=name, path=path, part=page.title))
     return found
 
 
@@ -235,7 +241,7 @@ def _sheet(entry: Input, limits: FileLimits) -> _Table:
         hint = "Name another with [sessions] sheet."
         raise UsageError("the sheet is empty.", file=entry.name, hint=hint)
     widest = max(map(len, rows))
-    padded = [row + [""] * (widest - len(row)) for row in rows[:_FIRST_ROWS]]
+    padded = [row + [""] * (widest - len(row)) for row in rows[:MOST_ROWS]]
     texts = [[_text(value) for value in row] for row in padded]
     refuse_layout(list(enumerate(texts, 1)), entry.name)
     # Cells right of the last column name hold notes.
@@ -245,7 +251,7 @@ def _sheet(entry: Input, limits: FileLimits) -> _Table:
 
 def _looks_like_data(page: Any) -> bool:
     """Whether a number stands below several names in a sheet's first rows."""
-    rows = [row for row in islice(page.iter_rows(values_only=True), _FIRST_ROWS) if any(row)]
+    rows = [row for row in islice(page.iter_rows(values_only=True), MOST_ROWS) if any(row)]
     names = [value for value in rows[0] if isinstance(value, str)] if rows else []
     return len(names) > 1 and any(
         isinstance(value, int | float) for row in rows[1:] for value in row

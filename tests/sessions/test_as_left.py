@@ -246,6 +246,22 @@ def test_one_file_in_another_unit_is_refused(tmp_path):
     assert any("differ by a thousand" in notice.text for notice in found.notices)
 
 
+@pytest.mark.parametrize("response", [None, "ratio"])
+def test_settings_a_thousand_apart_are_read_where_the_scene_says_the_unit(tmp_path, response):
+    # Subjects whose settings differ by e³ are rare, and real for a pure number.
+    settings = {"a": 0.0009, "b": 0.8, "c": 1.0, "d": 1.3}
+    rows = [f"{s},{e},1,{value}" for s, value in settings.items() for e in ("x", "y")]
+    text = "subject,environment,g_ref,g_adj\n" + "\n".join(rows) + "\n"
+    unit = {"response": response} if response else {"unit": ""}
+    quantities = {"g": {"unit": ""}}
+    error = refusal(tmp_path, text, quantities=quantities)
+    assert error.hint.endswith('If the numbers are right, declare unit = "" for both.')
+    columns = {"g_ref": {"name": "g_ref", "unit": ""}, "g_adj": {"name": "g_adj", **unit}}
+    found = read(tmp_path, text, quantities=quantities, columns=columns)
+    assert len(found.table) == 8
+    assert any("differ by a thousand" in notice.text for notice in found.notices)
+
+
 def test_unnamed_columns_are_named_by_their_position(tmp_path):
     text = '"","subject","environment","k_ref","k_adj"\n' + "".join(
         f'"{row}","1","a",10,1{row}\n' for row in (1, 2, 3)

@@ -69,6 +69,15 @@ def test_what_cannot_be_read_is_named(tmp_path, name, data, said):
     assert ".." not in str(caught.value).replace(str(tmp_path), "")
 
 
+@pytest.mark.parametrize("sheet", ["*", "Sheet1"])
+def test_a_workbook_that_breaks_off_is_refused(tmp_path, sheet):
+    data = bytearray(workbook([["subject", "k_adj"], ["a", 1]]))
+    data[data.index(b"worksheets/sheet1.xml") + 40] ^= 255
+    (tmp_path / "t.xlsx").write_bytes(data)
+    with pytest.raises(UsageError, match=r"t\.xlsx: a broken file: "):
+        read_sessions(tmp_path / "t.xlsx", scene=Scene(sessions={"sheet": sheet}))
+
+
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
