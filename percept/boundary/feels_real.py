@@ -19,6 +19,7 @@ from scipy.optimize import elementwise
 
 from percept.boundary.shares import DiscIntegral, Discs, share_within
 from percept.boundary.users import Users
+from percept.haptics.frequencies import log_grid
 from percept.haptics.perceived import Display, displayed
 from percept.haptics.shown import shown_limits
 from percept.html import NotebookRecord
@@ -283,20 +284,9 @@ def search_grid(
     `half_widths` are relative, one per resonance. Resonances (R,) of one device, or (D, R) of D,
     which have frequencies each: (D, M), where those beyond the range stand at its ends.
     """
-    decades = np.log10(upper / lower)
-    intervals = int(np.ceil(_PER_DECADE * decades))
-    even = np.geomspace(lower, upper, max(3, intervals + 1))
-    distances = half_widths[:, None] * _BESIDE
-    beside = resonances[..., None] * np.exp(distances)
-    if resonances.ndim == 1:
-        inside = beside[(beside > lower) & (beside < upper)]
-        return np.unique(np.concatenate([even, inside]))
-    rows = len(resonances)
-    near = beside.reshape(rows, -1)
-    near = np.clip(near, lower, upper)
-    far = np.tile(even, (rows, 1))
-    both = np.hstack([far, near])
-    return np.sort(both, axis=1)
+    beside = resonances[..., None] * np.exp(half_widths[:, None] * _BESIDE)
+    near = beside.reshape(*resonances.shape[:-1], -1)
+    return log_grid((lower, upper), _PER_DECADE, near)
 
 
 class Scores(NamedTuple):

@@ -1,4 +1,4 @@
-"""Frequencies at which a search sees every feature of a device, a delay and resonances."""
+"""Frequencies at which searches and drawings see every feature of a device, a delay, resonances."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from percept.haptics.arrays import FloatArray
 from percept.haptics.loop import Loop, omega_of_rate
 from percept.haptics.records import Mode, TabulatedDevice
 
-__all__ = ["covers_range", "search_grid"]
+__all__ = ["covers_range", "log_grid", "search_grid"]
 
 # A table may leave out this fraction of the range up to Nyquist at either end.
 _COVERED = 1e-3
@@ -21,6 +21,8 @@ _SPACED_PER_SAMPLE = 40
 _OFFSETS = np.geomspace(1e-2, 1e3, 60)
 # A mode without damping counts as this wide, as a fraction of its resonance.
 _NARROWEST = 1e-6
+# A peak or a turn needs three.
+_FEWEST = 3
 
 
 def covers_range(loop: Loop) -> bool:
@@ -96,3 +98,30 @@ def _around(mode: Mode, period: float) -> FloatArray:
     width = mode.damping / mode.mass + _NARROWEST * mode.resonance
     rates = mode.resonance + width * np.concatenate([-_OFFSETS, [0.0], _OFFSETS])
     return omega_of_rate(np.maximum(rates, 0.0), period)
+
+
+def log_grid(within: tuple[float, float], per_decade: int, near: FloatArray) -> FloatArray:
+    """Return ω even in the logarithm, and those near features.
+
+    Parameters
+    ----------
+    within : pair of float
+        First and last frequency, rad/s.
+    per_decade : int
+        Frequencies per decade of the even ones, at least.
+    near : ndarray, shape (R,) or (D, R)
+        Further frequencies, rad/s; of D devices each has its own.
+
+    Returns
+    -------
+    ndarray, shape (n,) or (D, n)
+        rad/s, increasing; of D devices those beyond the range stand at its ends.
+    """
+    lower, upper = within
+    intervals = int(np.ceil(per_decade * np.log10(upper / lower)))
+    even = np.geomspace(lower, upper, max(_FEWEST, intervals + 1))
+    if near.ndim == 1:
+        inside = near[(near > lower) & (near < upper)]
+        return np.unique(np.concatenate([even, inside]))
+    rows = np.tile(even, (len(near), 1))
+    return np.sort(np.hstack([rows, np.clip(near, lower, upper)]), axis=1)

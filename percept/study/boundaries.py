@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.boundary.curves import drawing_grid
 from percept.boundary.limits import (
     Magnitude,
     MagnitudeLimits,
@@ -20,6 +19,7 @@ from percept.boundary.limits import (
 )
 from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
+from percept.haptics.frequencies import log_grid
 from percept.results import BandDifference, BandPair, Boundary, Shape, Skipped
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array
@@ -32,6 +32,10 @@ JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
 _LAW_SHAPES: tuple[Shape, ...] = ("pointwise", "simultaneous")
 # Curves are not drawn when their Monte Carlo error exceeds this many times the tolerance.
 _MOST_TOLERANCES = 10.0
+# Frequencies per decade: a line through them shows no corners on a page.
+_PER_DECADE = 40
+# Beside a resonance curves bend within a few per cent of its omega.
+_BESIDE = 1.0 + np.array([-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 
 
 def increasing(omega: ArrayLike) -> Array:
@@ -248,18 +252,12 @@ class BoundaryDrawing:
         upper = self._table.upper
         if self._table.points:
             return np.geomspace(lower, upper, self._table.points)
-        regions = [region for region in self._regions if region.environment == environment]
-
-        def curves(omega: Array) -> tuple[Array, Array]:
-            direct = self._setup.curve(environment, omega, coupled=False)
-            coupled = self._setup.curve(environment, omega, coupled=True)
-            limits = []
-            for region in regions:
-                for shape in _shapes(region):
-                    limits.append(self._setup.outline(region, shape, omega))
-            return np.stack([direct, coupled]), np.array(limits).reshape(-1, 2, omega.size)
-
-        return drawing_grid(curves, lower, upper, self._setup.resonances(environment))
+        near = np.multiply.outer(self._setup.resonances(environment), _BESIDE)
+        omega = log_grid((lower, upper), _PER_DECADE, near.ravel())
+        # At a pole curves are infinite, and no line leads there.
+        finite = np.isfinite(self._setup.curve(environment, omega, coupled=False))
+        finite &= np.isfinite(self._setup.curve(environment, omega, coupled=True))
+        return omega[finite]
 
     def _curves(self, law: Law) -> _LawCurves:
         """Return a law's curves on the grid of its environment."""

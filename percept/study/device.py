@@ -20,6 +20,7 @@ from percept.haptics import (
     VelocityFilter,
 )
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
+from percept.haptics.frequencies import log_grid
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.paper_rule import departure, plane_departure
 from percept.haptics.perceived import Display
@@ -135,7 +136,6 @@ def map_frequencies(
 
     Dips between them are not searched, so they are denser about resonances than `frequencies`.
     """
-    count = max(3, int(np.ceil(_PER_DECADE * np.log10(within[1] / within[0]))) + 1)
     resonances = setup.resonances(environment)
     if not isinstance(setup.loop.device, TabulatedDevice):
         # A table's rows are all there is to see; a mass resonates by the root of the stiffness.
@@ -143,8 +143,7 @@ def map_frequencies(
         lowest, highest = np.sqrt(np.array(span) / stiffness).tolist()
         about = np.geomspace(lowest, highest, _ABOUT_RESONANCE)
         resonances = np.multiply.outer(resonances, about).ravel()
-    omega = np.concatenate([np.geomspace(*within, count), resonances])
-    return np.unique(omega[(omega >= within[0]) & (omega <= within[1])])
+    return log_grid(within, _PER_DECADE, resonances)
 
 
 def referenced(data: Data) -> Iterator[str | Skipped]:
