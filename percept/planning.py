@@ -19,8 +19,7 @@ from scipy import special
 
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.classical.central_range import noncentral_t_tail
-from percept.inference.classical.equivalence import tost_power
+from percept.inference.classical.fiducial import noncentral_t_tail, tost_power
 from percept.inference.classical.moments import check_option, tail_of
 from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.record import Family, Kind, percent
@@ -299,7 +298,7 @@ def plan_equivalent(
     Returns
     -------
     EquivalencePlan
-        Its power is exact, by `percept.inference.classical.equivalence.tost_power`.
+        Its power is exact, by `percept.inference.classical.fiducial.tost_power`.
 
     Raises
     ------

@@ -23,7 +23,7 @@ from scipy import integrate, sparse
 
 from percept.boundary.law import BEYOND, Axis, PairLaw, between, cell_and_fraction
 from percept.haptics.loop import Loop
-from percept.haptics.plane import DistancePlane, Point
+from percept.haptics.perceived import DistancePlane, Point
 
 __all__ = ["Balls", "Content", "Term"]
 

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, Feeling, feels_real
-from percept.boundary.users import Users
+from percept.boundary.shares import Users
 from percept.haptics.perceived import Display
 from percept.haptics.shown import shown_limits
 from percept.html import NotebookRecord
-from percept.inference.classical.central_range import central_range_confidence
-from percept.inference.classical.fiducial import fiducial_draws
+from percept.inference.classical.fiducial import central_range_confidence, fiducial_draws
 from percept.inference.classical.moments import Moments
 
 __all__ = [

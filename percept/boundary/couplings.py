@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import elementwise
 
-from percept.boundary.shares import DiscIntegral, Discs, shares_of_cells
-from percept.boundary.users import Users
-from percept.haptics.perceived import Display, shown_element
-from percept.haptics.plane import Boxes, DistancePlane, Point, Range
+from percept.boundary.shares import DiscIntegral, Discs, Users, shares_of_cells
+from percept.haptics.perceived import Boxes, Display, DistancePlane, Point, Range, shown_element
 from percept.haptics.records import Coupling
 
 __all__ = ["CouplingJudge", "magnitude_ranges"]

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import elementwise
 
-from percept.boundary.shares import DiscIntegral, Discs, share_within
-from percept.boundary.users import Users
+from percept.boundary.shares import DiscIntegral, Discs, Users, share_within
 from percept.haptics.frequencies import log_grid
 from percept.haptics.perceived import Display, displayed
 from percept.haptics.shown import shown_limits

@@ -1,4 +1,4 @@
-"""The share of users within some abs(Z_h).
+"""Populations of users, normal laws of (k, b) or of their logarithms, and shares within abs(Z_h).
 
 abs(Z_h) is a distance in the plane of (b, k/Omega), so the users with at most a given abs(Z_h) lie
 in a disc. The share is an integral over one of k and b, by Gauss-Legendre nodes; the other has a
@@ -7,6 +7,7 @@ normal law given the first. `Discs` takes it by the fewest nodes that settle its
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -14,16 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.users import DAMPING, LEAST, STIFFNESS, Users
-from percept.haptics.perceived import Display, displayed
-from percept.haptics.plane import DistancePlane
+from percept.haptics.perceived import Boxes, Display, DistancePlane, displayed
 
-__all__ = ["DiscIntegral", "Discs", "share_within", "shares_of_cells"]
+__all__ = [
+    "DAMPING",
+    "LEAST",
+    "STIFFNESS",
+    "DiscIntegral",
+    "Discs",
+    "Users",
+    "share_within",
+    "shares_of_cells",
+]
 
 Array = NDArray[np.float64]
+#: Rows of a population's mean and SD.
+STIFFNESS = 0
+DAMPING = 1
+#: Logarithms of a stiffness or damping of zero, and below: no user is there.
+LEAST = np.finfo(np.float64).tiny
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
-
 #: Beyond so many SDs lies less than 1e-12 of a population.
 _FARTHEST = 7.2
 #: Nodes tried, from the fewest on: two counts in a row that agree have settled. Narrow discs in
@@ -40,6 +52,73 @@ _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
 _PASS = 15_000
 #: Populations that show how the integral is best taken: it depends on the frequency far more.
 _TRIED = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Users:
+    """Populations of users, one per draw (D,); stiffness first, damping second.
+
+    The mean and the SD are of the logarithms where `log` is true, else in N/m and N·s/m.
+    """
+
+    log: bool
+    mean: Array  # (2, D)
+    sd: Array  # (2, D)
+    correlation: Array  # (D,)
+
+    @classmethod
+    def of(
+        cls,
+        mean: Array,
+        covariance: Array,
+        *,
+        log: bool,
+    ) -> Users:
+        """Take means (D, 2) and covariances (D, 2, 2)."""
+        variance = np.diagonal(covariance, axis1=1, axis2=2)
+        sd = np.sqrt(variance)
+        correlation = covariance[:, 0, 1] / sd.prod(axis=1)
+        return cls(log=log, mean=mean.T, sd=sd.T, correlation=correlation)
+
+    @property
+    def size(self) -> int:
+        """Number of populations, D."""
+        return self.correlation.size
+
+    def select(self, which: NDArray[np.intp] | slice | None) -> Users:
+        """Return some of the populations."""
+        return Users(
+            log=self.log,
+            mean=self.mean[..., which],
+            sd=self.sd[..., which],
+            correlation=self.correlation[..., which],
+        )
+
+    def column(self) -> Users:
+        """Return the same with a last axis of one, which frequencies broadcast against."""
+        return self.select(None)
+
+    def score(self, value: float | Array, quantity: int) -> Array:
+        """Return how many SDs a stiffness (0) or damping (1) lies above the mean, (D,)."""
+        if self.log:
+            value = np.log(np.maximum(value, LEAST))
+        return np.asarray((value - self.mean[quantity]) / self.sd[quantity])
+
+    def native(self, score: float, quantity: int) -> Array:
+        """Return the stiffness (0) or damping (1) that lies `score` SDs from the mean, (D,)."""
+        distance = score * self.sd[quantity]
+        value = self.mean[quantity] + distance
+        return np.exp(value) if self.log else value
+
+    def central_ranges(self, level: float) -> Boxes:
+        """Return the limits between which the central `level` of stiffness and of damping lie."""
+        tail = 0.5 * (1.0 - level)
+        edge = float(-special.ndtri(tail))
+        softest = self.native(-edge, STIFFNESS)
+        stiffest = self.native(edge, STIFFNESS)
+        least_damped = self.native(-edge, DAMPING)
+        most_damped = self.native(edge, DAMPING)
+        return Boxes.of((softest, stiffest), (least_damped, most_damped))
 
 
 class DiscIntegral(NamedTuple):

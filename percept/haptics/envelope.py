@@ -24,8 +24,7 @@ from percept.haptics.arrays import (
     times,
 )
 from percept.haptics.loop import Loop, omega_of_rate
-from percept.haptics.perceived import perceived_magnitude
-from percept.haptics.plane import DistancePlane, Point
+from percept.haptics.perceived import DistancePlane, Point, perceived_magnitude
 from percept.haptics.records import Device
 from percept.roots import rising_root
 

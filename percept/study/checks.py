@@ -8,16 +8,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from percept.errors import RefusalError
-from percept.inference.checks.left_out import (
+from percept.inference.checks.predictive import (
+    STATISTICS,
     Loo,
     Predicted,
     intervals_left_out,
     leave_one_out,
-    predict_left_out,
-)
-from percept.inference.checks.predictive import (
-    STATISTICS,
     new_studies,
+    predict_left_out,
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity

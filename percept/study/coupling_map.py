@@ -16,7 +16,7 @@ import numpy as np
 
 from percept.boundary.couplings import CouplingJudge
 from percept.boundary.feels_real import Evidence, feels_real, share_error
-from percept.boundary.users import Users
+from percept.boundary.shares import Users
 from percept.haptics import Coupling, Environment, TabulatedDevice
 from percept.haptics.rendering import can_render
 from percept.inference.record import Method

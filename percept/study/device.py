@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from percept import haptics
-from percept.boundary.users import Users
+from percept.boundary.shares import Users
 from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
@@ -22,10 +22,9 @@ from percept.haptics import (
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.frequencies import log_grid
 from percept.haptics.impedance import coupling_admittance
-from percept.haptics.paper_rule import departure, plane_departure
-from percept.haptics.perceived import Display
-from percept.haptics.plane import Boxes
+from percept.haptics.perceived import Boxes, Display
 from percept.haptics.records import AnyDevice
+from percept.haptics.shown import departure, plane_departure
 from percept.haptics.stability import coupling_bound
 from percept.inference.record import Family
 from percept.results import Coupling as JudgedCoupling

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from percept import haptics
-from percept.boundary.users import Users
+from percept.boundary.shares import Users
 from percept.errors import RefusalError
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Method

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 
 from percept.boundary.feels_real import judge, rough_probability
-from percept.boundary.users import Users
+from percept.boundary.shares import Users
 from percept.haptics import Device, can_render
 from percept.inference.record import Method
 from percept.results import ChangedVerdict, OtherDevices, Skipped

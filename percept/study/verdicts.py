@@ -17,7 +17,7 @@ import numpy as np
 from percept.boundary import confidence as classical
 from percept.boundary.confidence import Confidence, confidence, limits_confidence
 from percept.boundary.feels_real import CENTRALS, Evidence, feels_real, search_grid
-from percept.boundary.users import Users
+from percept.boundary.shares import Users
 from percept.errors import RefusalError
 from percept.haptics import TabulatedDevice
 from percept.haptics.perceived import Display

@@ -22,12 +22,12 @@ from scipy.optimize import brentq
 from percept import Scene, Sessions, Study
 from percept.boundary.confidence import Confidence, SubjectPairs, confidence
 from percept.boundary.feels_real import search_grid, search_scores
-from percept.boundary.users import Users
+from percept.boundary.shares import Users
 from percept.checkpoint import Checkpoint, Line
 from percept.errors import UsageError
 from percept.haptics import Device, Environment, Loop
 from percept.haptics.perceived import Display
-from percept.inference.classical.central_range import central_range_confidence
+from percept.inference.classical.fiducial import central_range_confidence
 from percept.inference.classical.moments import Moments
 from percept.inference.model.priors import Priors
 from percept.sessions import ReadOptions

@@ -7,10 +7,9 @@ import pytest
 
 from percept.boundary.couplings import CouplingJudge, magnitude_ranges
 from percept.boundary.feels_real import feels_real, search_grid
-from percept.boundary.users import Users
+from percept.boundary.shares import Users
 from percept.haptics import Coupling, Device, Environment, Loop
-from percept.haptics.perceived import Display
-from percept.haptics.plane import DistancePlane, Point
+from percept.haptics.perceived import Display, DistancePlane, Point
 from tests import LONG
 
 WALL = Environment(stiffness=500.0, damping=2.0)

@@ -17,7 +17,7 @@ from percept.errors import RefusalError
 from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.perceived import Display
 from percept.haptics.shown import shown_limits
-from percept.inference.classical.central_range import central_range_confidence
+from percept.inference.classical.fiducial import central_range_confidence
 from percept.inference.classical.moments import Moments
 
 LEVEL, DECISION = 0.99, 0.95

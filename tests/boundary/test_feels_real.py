@@ -16,7 +16,7 @@ from percept.boundary.feels_real import (
     search_scores,
     share_error,
 )
-from percept.boundary.users import Users
+from percept.boundary.shares import Users
 from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.perceived import Display
 

@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 from scipy import special
 
-from percept.boundary.shares import DiscIntegral, share_within
-from percept.boundary.users import Users
+from percept.boundary.shares import DiscIntegral, Users, share_within
 from percept.haptics import Device, Loop
-from percept.haptics.perceived import perceived_magnitude
-from percept.haptics.plane import DistancePlane
+from percept.haptics.perceived import DistancePlane, perceived_magnitude
 
 PERIOD = 1e-3
 DEVICE = Device(mass=0.5, damping=5.0)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from percept import Study, haptics
-from percept.haptics.paper_rule import ON_LIMIT, departure, plane_departure
-from percept.haptics.plane import Boxes
+from percept.haptics.perceived import Boxes
+from percept.haptics.shown import ON_LIMIT, departure, plane_departure
 from percept.study.device import Setup
 
 __all__ = ["by_the_paper_s_rule"]

@@ -19,9 +19,8 @@ from percept.haptics import (
     magnitude_envelope,
     perceived_impedance,
 )
-from percept.haptics.paper_rule import ON_LIMIT, departure, plane_departure
-from percept.haptics.perceived import Display
-from percept.haptics.plane import Boxes
+from percept.haptics.perceived import Boxes, Display
+from percept.haptics.shown import ON_LIMIT, departure, plane_departure
 
 T, LOWER, UPPER = 1e-3, 0.1, 100.0
 OMEGA = np.geomspace(LOWER, UPPER, 10_000)

@@ -14,8 +14,7 @@ from percept.haptics import (
     magnitude_envelope,
 )
 from percept.haptics.envelope import corner_crossings
-from percept.haptics.perceived import perceived_magnitude
-from percept.haptics.plane import DistancePlane
+from percept.haptics.perceived import DistancePlane, perceived_magnitude
 
 T = 1e-3
 DEVICE = Device(1.0, 5.0, stiffness=300.0)

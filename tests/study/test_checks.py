@@ -8,7 +8,7 @@ from scipy import stats
 
 import percept
 from percept import Scene, Study, read_sessions
-from percept.inference.checks.left_out import Loo, Predicted
+from percept.inference.checks.predictive import Loo, Predicted
 from percept.results import Skipped
 from percept.study.checks import subject_tables
 from tests import DATASETS

@@ -5,7 +5,7 @@ import pytest
 from scipy import special
 
 from percept.boundary.confidence import PARTS
-from percept.inference.classical.central_range import central_range_confidence
+from percept.inference.classical.fiducial import central_range_confidence
 from percept.inference.classical.moments import Moments
 from percept.study.deciding import ASSURANCE, more_subjects
 

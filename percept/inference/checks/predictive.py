@@ -1,21 +1,44 @@
-"""What the model says of new studies like this one."""
+"""What the model says of new studies like this one, and of each subject from the others.
+
+A subject is left out by Pareto-smoothed importance sampling.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
+from percept.errors import RefusalError, UsageError
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.model.subjects import SubjectLaws
 
-__all__ = ["STATISTICS", "new_studies", "statistics_of"]
+__all__ = [
+    "STATISTICS",
+    "Loo",
+    "Predicted",
+    "intervals_left_out",
+    "leave_one_out",
+    "new_studies",
+    "predict_left_out",
+    "smoothed_subjects",
+    "statistics_of",
+]
 
 Array = NDArray[np.float64]
-
 #: What `statistics_of` works out, in its order.
 STATISTICS = ("mean", "sd", "farthest")
+#: Tail index above which no number of draws helps (Vehtari, Simpson, Gelman, Yao and Gabry 2024).
+_WORST_INDEX = 0.7
+#: Grid on which mixtures of laws are summed: its end, in SDs of the mixture, and its points.
+_GRID_END = 8.0
+_GRID_POINTS = 49
+#: Draws times subjects that are held at once; more subjects are judged by fewer draws.
+_MOST = 1 << 20
 
 
 def new_studies(
@@ -85,3 +108,190 @@ def statistics_of(cell_means: Array) -> Array:
     sd = np.where(n > 1, sd, np.nan)
     farthest = np.where(n > 2, farthest, np.nan)
     return np.stack([mean, sd, farthest], axis=-3)
+
+
+@dataclass(frozen=True, eq=False)
+class Loo:
+    """Expected log predictive density of a new subject, from N subjects left out in turn."""
+
+    pointwise: Array  # (N,)
+    pareto_k: Array  # (N,) Tail index of the importance weights of leaving the subject out
+    good_k: float  # Index up to which such weights can be trusted, with this many draws
+    points: Array  # (S, d) Draws that were reweighted
+    weights: Array  # (S, N) Their weights without each subject
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Whether the weights of leaving each subject out can be trusted, (N,)."""
+        return self.pareto_k <= self.good_k
+
+    @property
+    def elpd(self) -> float:
+        """Sum of `pointwise`."""
+        return float(self.pointwise.sum())
+
+    @property
+    def se(self) -> float:
+        """Standard error of `elpd` as an estimate for other subjects of the same population."""
+        variance = self.pointwise.var(ddof=1)
+        return float(np.sqrt(self.pointwise.size * variance))
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Where subjects lie in what the others predict of them."""
+
+    below: Array  # (N, P, J) Predictive probability of a cell mean below the subject's own
+    farther: Array  # (N,) Predictive probability of lying as far off or farther, all cells together
+
+
+def leave_one_out(
+    subjects: SubjectDensity,
+    points: Array,
+    *,
+    chains: int,
+) -> Loo:
+    """Leave each subject out by reweighting draws of the scales.
+
+    The locations are integrated out of the weights, 1/p(y_i | scales, other subjects), so these
+    vary with the scales alone. Weights of draws of the locations too would have far heavier tails.
+
+    Parameters
+    ----------
+    subjects : SubjectDensity
+        Densities of the subjects' data.
+    points : ndarray
+        Posterior draws, chain after chain, shape (S, d).
+    chains : int
+        Chains of equal length.
+
+    Returns
+    -------
+    Loo
+
+    Raises
+    ------
+    UsageError
+        Chains that are not of equal length.
+    RefusalError
+        A density that doubles cannot hold.
+    """
+    if len(points) % chains:
+        raise UsageError(
+            f"{len(points)} draws do not make equal chains.", key="chains", value=chains
+        )
+    by_chain = points.reshape(chains, -1, points.shape[1])
+    gap = max(1, math.ceil(len(points) * subjects.subjects / _MOST))
+    kept = by_chain[:, ::gap].reshape(-1, points.shape[1])
+    parts = []
+    for _, laws in subjects.batches(kept):
+        left_out = subjects.left_out(laws)
+        parts.append(left_out.log_density)
+    log_density = np.concatenate(parts)
+    known = np.isfinite(log_density).all(axis=0)
+    if not known.all():
+        subject = subjects.density.statistics.subjects[int(np.argmin(known))]
+        raise RefusalError(
+            f"{subject} cannot be predicted from the others in double precision: an environment"
+            " rests on this subject alone, at next to no scatter.",
+            hint="Leave that environment out, or ask for no model checks.",
+        )
+    return smoothed_subjects(log_density, kept)
+
+
+def smoothed_subjects(log_density: Array, points: Array) -> Loo:
+    """Leave subjects out by weights 1/p(y_i | scales, other subjects), their tails smoothed.
+
+    Parameters
+    ----------
+    log_density : ndarray, shape (S, N)
+        Log densities of the subjects' data given the others', at every draw.
+    points : ndarray, shape (S, d)
+        The draws.
+
+    Returns
+    -------
+    Loo
+    """
+    # A slow import, for checks of a posterior only.
+    from arviz_stats.base import array_stats
+
+    # It takes log densities, and negates them itself.
+    log_weights, indices = array_stats.psislw(log_density, axis=0)
+    log_weights = log_weights.T
+    return Loo(
+        pointwise=special.logsumexp(log_weights + log_density, axis=0),
+        pareto_k=indices,
+        good_k=min(1.0 - 1.0 / math.log10(len(points)), _WORST_INDEX),
+        points=points,
+        weights=special.softmax(log_weights, axis=0),
+    )
+
+
+def predict_left_out(
+    subjects: SubjectDensity,
+    points: Array,
+    weights: Array,
+) -> Predicted:
+    """Compare subjects with their prediction from the others: draws (S, d), weights (S, N)."""
+    below = np.zeros((subjects.subjects, subjects.parameters, subjects.environments))
+    farther = np.zeros(subjects.subjects)
+    for cut, laws in subjects.batches(points):
+        left = subjects.left_out(laws)
+        tail = special.chdtrc(subjects.degrees, left.distance)
+        cdf = special.ndtr(left.standard)
+        below += np.einsum("wi,wipj->ipj", weights[cut], cdf)
+        farther += np.einsum("wi,wi->i", weights[cut], tail)
+    return Predicted(below, farther)
+
+
+def intervals_left_out(
+    subjects: SubjectDensity,
+    points: Array,
+    weights: Array,
+    level: float,
+) -> tuple[Array, Array, Array]:
+    """Find the intervals of all locations without each subject.
+
+    Without a subject, draws of the scales have other weights, and the locations another law given
+    the scales: the interval is that of a weighted mixture of normal laws.
+
+    Parameters
+    ----------
+    subjects : SubjectDensity
+        Densities of the subjects' data.
+    points : ndarray, shape (S, d)
+        Draws.
+    weights : ndarray, shape (S, N)
+        Their weights without each subject, each with a sum of one.
+    level : float
+        Of the intervals.
+
+    Returns
+    -------
+    lower, mean, upper : ndarray, shape (N, P, J)
+        On the response scale.
+    """
+    whole = subjects.density.moments(points)
+    spread = np.hypot(whole.mean.std(axis=0), np.sqrt(np.square(whole.sd).mean(axis=0)))
+    steps = np.linspace(-_GRID_END, _GRID_END, _GRID_POINTS)
+    shape = (subjects.parameters, subjects.environments)
+    grid = np.add(whole.mean.mean(axis=0), np.multiply.outer(steps, spread))
+    grid = grid.reshape(-1, *shape)
+    mean = np.zeros((subjects.subjects, *shape))
+    below = np.zeros((_GRID_POINTS, *mean.shape))
+    for cut, laws in subjects.batches(points):
+        left = subjects.left_out(laws)
+        mean += np.einsum("wi,wipj->ipj", weights[cut], left.location)
+        for total, place in zip(below, grid, strict=True):
+            cdf = special.ndtr((place - left.location) / left.location_sd)
+            total += np.einsum("wi,wipj->ipj", weights[cut], cdf)
+    lower = np.empty_like(mean)
+    upper = np.empty_like(mean)
+    end = special.ndtri(0.5 * (1.0 + level))
+    # As normal scores the distribution is nearly a straight line between points of the grid.
+    scores = special.ndtri(below)
+    for i, p, j in np.ndindex(mean.shape):
+        ends = np.interp([-end, end], scores[:, i, p, j], grid[:, p, j])
+        lower[i, p, j], upper[i, p, j] = ends
+    return lower, mean, upper

@@ -11,6 +11,7 @@ from scipy import special
 from percept.errors import RefusalError
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments, mean_and_sd, tail_of
+from percept.inference.classical.variability import f_limits
 from percept.inference.record import Interval, Kind
 
 __all__ = [
@@ -93,11 +94,8 @@ def group_spread_ratio(first: Moments, second: Moments, *, level: float) -> Spre
     """
     df_first = float(first.n) - 1
     df_second = float(second.n) - 1
-    tail = tail_of(level) / 2.0
     ratio = float(second.sd) / float(first.sd)
-    # The upper quantile as the reciprocal of a lower one, which keeps the digits of a small tail.
-    high = 1.0 / special.fdtri(df_first, df_second, tail)
-    low = special.fdtri(df_second, df_first, tail)
+    high, low = f_limits(df_second, df_first, level)
     below = float(special.fdtr(df_second, df_first, ratio**2))
     above = float(special.fdtr(df_first, df_second, ratio**-2))
     return SpreadRatio(

@@ -1,4 +1,4 @@
-"""Whether a mean lies within limits: two one-sided t-tests, and their power.
+"""Whether a mean lies within limits: two one-sided t-tests.
 
 The tests reject both "at or below the lower limit" and "at or above the upper one" at size alpha if
 the interval of level 1 - 2 alpha lies inside (Schuirmann 1987). A mean at a limit passes in at most
@@ -8,7 +8,6 @@ outside: two chances to err share alpha, however narrow the limits are.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,12 +17,7 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.classical.moments import Moments, plain
 from percept.inference.record import FloatOrArray
 
-__all__ = ["Tost", "tost", "tost_power"]
-
-#: Probability of the sample SD beyond either end of the integral over it.
-_NEGLIGIBLE = 1e-16
-#: Nodes of the integral: the integrand is smooth, and 12 digits are reached with 100.
-_NODES = 200
+__all__ = ["Tost", "tost"]
 
 
 @dataclass(frozen=True)
@@ -77,49 +71,3 @@ def tost(moments: Moments, lower: float, upper: float) -> Tost:
         p_within=plain(np.maximum(above_lower, below_upper)),
         p_beyond=plain(np.minimum(ends * smaller, 1.0) if ends else np.ones_like(smaller)),
     )
-
-
-def tost_power(to_lower: float, to_upper: float, df: float, *, size: float) -> float:
-    """Probability that both tests reject, exact for a normal sample.
-
-    Given w, the sample's SD over the true one, both reject if the sample mean lies between the
-    limits by t·w standard errors; the integral over the law of w is Owen's Q.
-
-    Parameters
-    ----------
-    to_lower, to_upper : float
-        Distance of the true mean from either limit in true standard errors, positive inside.
-    df : float
-        Degrees of freedom of the SD.
-    size : float
-        Size alpha of each test; above 0 and at most 0.5.
-
-    Returns
-    -------
-    float
-        0 to 1.
-
-    Raises
-    ------
-    UsageError
-        A size out of its range.
-    """
-    if not 0.0 < size <= 0.5:
-        raise UsageError("the size must be above 0 and at most 0.5.", value=size)
-    t = -float(special.stdtrit(df, size))
-    lowest = math.sqrt(special.chdtri(df, 1.0 - _NEGLIGIBLE) / df)
-    highest = math.sqrt(special.chdtri(df, _NEGLIGIBLE) / df)
-    # With a larger SD the limits leave no room for a mean.
-    if t > 0.0:
-        highest = min(highest, (to_lower + to_upper) / (2.0 * t))
-    if highest <= lowest:
-        return 0.0
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    half = 0.5 * (highest - lowest)
-    w = lowest + half * (1.0 + nodes)
-    between = special.ndtr(to_upper - t * w) - special.ndtr(t * w - to_lower)
-    log_constant = 0.5 * df * math.log(0.5 * df) - math.lgamma(0.5 * df) + math.log(2.0)
-    density = np.exp(log_constant + special.xlogy(df - 1.0, w) - 0.5 * df * w**2)
-    power = half * (weights * between * density).sum()
-    # Rounding may pass one.
-    return min(float(power), 1.0)

@@ -1,25 +1,180 @@
-"""Populations that subjects' means and scatter leave likely, without a prior of the analyst's.
+"""What n users say of the population they come from, without a prior of the analyst's.
 
-For n subjects with P quantities, x̄ their mean and S their scatter, a draw is
+For n subjects with P quantities, x̄ their mean and S their scatter, a draw of the population is
 
     Σ ~ inverse Wishart with n + P − 2 degrees of freedom and scale S,   μ | Σ ~ N(x̄, Σ/n).
 
 Every linear combination then has the t and χ² laws with n − 1 degrees of freedom that the classical
-intervals have: a share of draws is the confidence of the noncentral t, computed by chance.
+intervals have: a share of draws is the confidence of the noncentral t, computed by chance. For one
+quantity it is known.
+
+The central range of a population N(μ, σ²) is μ ± zσ with z the (1 + central)/2 quantile of a
+standard normal. For a value x let δ = (x − μ)/σ. The pivot √n(x − x̄)/s of n users has a noncentral
+t law with ν = n − 1 and noncentrality √n·δ. Read as a law of δ, it puts on |δ| ≤ z the confidence
+
+    E[Φ(√n(z − d·w)) − Φ(√n(−z − d·w))],   d = |x − x̄|/s,   w = s/σ,   ν·w² ~ χ²_ν.
+
+A value at the edge of the range gets a confidence of c or more in at most 1 − c of studies.
+SciPy's noncentral t gives NaN where its tail is small, so its upper tail at t, E[Φ(δ − t·w)] with
+noncentrality δ, is a sum over w here. The integrand falls from 1 to 0 where t·w passes δ. The sum
+has four pieces of w: below that fall, its two halves, and above it. Shapes: (...) is that of the
+values; nodes of w take a further last axis.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
 from percept.errors import RefusalError, UsageError
+from percept.inference.classical.moments import Moments, plain, tail_of
+from percept.inference.record import FloatOrArray
 
-__all__ = ["FiducialDraws", "fiducial_draws"]
+__all__ = [
+    "FiducialDraws",
+    "central_range_confidence",
+    "fiducial_draws",
+    "noncentral_t_tail",
+    "tost_power",
+]
 
 Array = NDArray[np.float64]
+#: Probability that the sum leaves out at either end of w: rounding is as large.
+_NEGLIGIBLE = 1e-16
+#: SDs over which Φ goes from 0 to 1: they leave out 6e-16.
+_FALL = np.array([-8.0, 0.0, 8.0])
+#: Smallest t: keeps δ/t finite for a value at the mean, where the integrand does not fall.
+_LEAST_DISTANCE = 1e-30
+#: Nodes in each of the four pieces: they give 12 digits from one degree of freedom on.
+_NODES = 96
+_legendre = cache(np.polynomial.legendre.leggauss)
+
+
+def central_range_confidence(
+    value: ArrayLike, users: Moments, *, central: float = 0.99
+) -> FloatOrArray:
+    """Work out the confidence that a value lies in the central range of all users.
+
+    Parameters
+    ----------
+    value : array_like
+        What is displayed, on the scale of `users`: the logarithm in the lognormal family.
+    users : Moments
+        Mean, SD and number n of the users, at least 2; broadcasts against `value`.
+    central : float
+        Share of all users that the central range holds; 0 to 1, exclusive.
+
+    Returns
+    -------
+    float or ndarray
+        Between 0 and 1, of the broadcast shape; a float where every argument is a single number.
+
+    Raises
+    ------
+    RefusalError
+        Where all users are equal: the range has no width then.
+    UsageError
+        A share outside (0, 1).
+    """
+    edge = -special.ndtri(0.5 * tail_of(central, "central"))
+    value = np.asarray(value, dtype=np.float64)
+    sd = np.asarray(users.sd, dtype=np.float64)
+    n = np.asarray(users.n, dtype=np.float64)
+    if np.any(sd <= 0.0):
+        raise RefusalError("All users set the same value, so their range has no width.")
+    root_n = np.sqrt(n)
+    t = root_n * np.abs(value - users.mean) / sd
+    below_upper_end = noncentral_t_tail(t, n - 1.0, root_n * edge)
+    below_lower_end = noncentral_t_tail(t, n - 1.0, -root_n * edge)
+    return plain(np.minimum(below_upper_end - below_lower_end, 1.0))
+
+
+def noncentral_t_tail(t: ArrayLike, df: ArrayLike, shift: ArrayLike) -> Array:
+    """Return the probability that a noncentral t exceeds a value.
+
+    Parameters
+    ----------
+    t : array_like
+        The value; zero or more.
+    df : array_like
+        Degrees of freedom, 1 or more.
+    shift : array_like
+        Noncentrality, of either sign.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape, never NaN.
+    """
+    values = np.broadcast_arrays(np.maximum(t, _LEAST_DISTANCE), df, shift)
+    columns = [np.asarray(value, dtype=np.float64)[..., None] for value in values]
+    limit, freedom, centre = columns
+    w, weight = _law_of_sd(freedom, (centre + _FALL) / limit)
+    above = np.sum(weight * special.ndtr(centre - limit * w), axis=-1)
+    return np.asarray(above / np.sum(weight, axis=-1))
+
+
+def tost_power(to_lower: float, to_upper: float, df: float, *, size: float) -> float:
+    """Probability that both one-sided t-tests of a mean reject, exact for a normal sample.
+
+    Given w both reject if the sample mean lies between the limits by t·w standard errors; the sum
+    over the law of w is Owen's Q.
+
+    Parameters
+    ----------
+    to_lower, to_upper : float
+        Distance of the true mean from either limit in true standard errors, positive inside.
+    df : float
+        Degrees of freedom of the SD.
+    size : float
+        Size alpha of each test; above 0 and at most 0.5.
+
+    Returns
+    -------
+    float
+        0 to 1.
+
+    Raises
+    ------
+    UsageError
+        A size out of its range.
+    """
+    if not 0.0 < size <= 0.5:
+        raise UsageError("the size must be above 0 and at most 0.5.", value=size)
+    t = max(-float(special.stdtrit(df, size)), _LEAST_DISTANCE)
+    # With a larger SD the limits leave no room for a mean.
+    most = 0.5 * (to_lower + to_upper) / t
+    falls = [(distance + _FALL) / t for distance in (to_lower, to_upper)]
+    w, weight = _law_of_sd(np.array([df]), np.sort(np.concatenate([*falls, [most]])))
+    between = special.ndtr(to_upper - t * w) - special.ndtr(t * w - to_lower)
+    return float(weight @ np.maximum(between, 0.0) / weight.sum())
+
+
+def _law_of_sd(df: Array, cuts: Array) -> tuple[Array, Array]:
+    """Return values of w = s/σ and their weights, (..., nodes), piece by piece between cuts.
+
+    Degrees of freedom (..., 1), cuts (..., pieces less one) in order.
+    """
+    lowest = np.sqrt(special.chdtri(df, 1.0 - _NEGLIGIBLE) / df)
+    highest = np.sqrt(special.chdtri(df, _NEGLIGIBLE) / df)
+    ends = np.concatenate([lowest, np.clip(cuts, lowest, highest), highest], axis=-1)
+    nodes, weights = _legendre(_NODES)
+    half_length = 0.5 * np.diff(ends)[..., None]
+    middle = ends[..., :-1, None] + half_length
+    shape = (*ends.shape[:-1], -1)
+    w = (middle + half_length * nodes).reshape(shape)
+    lengths = (half_length * weights).reshape(shape)
+    return w, lengths * _density(w, df)
+
+
+def _density(w: Array, df: Array) -> Array:
+    """Density of w = s/σ with so many degrees of freedom, but for a constant; 1 at w = 1."""
+    # By its logarithm: powers overflow from n = 300 on.
+    return np.exp(special.xlogy(df - 1.0, w) - 0.5 * df * (w**2 - 1.0))
 
 
 class FiducialDraws(NamedTuple):

@@ -23,6 +23,7 @@ __all__ = [
     "MeanSquares",
     "component_sd",
     "correlation",
+    "f_limits",
     "icc_agreement",
     "icc_consistency",
     "mean_squares",
@@ -175,7 +176,7 @@ def icc_consistency(squares: MeanSquares, *, level: float) -> Bounded:
         Between −1/(k − 1) and 1.
     """
     f = squares.ratio
-    at_lower, at_upper = _f_limits(squares.n - 1.0, squares.error_df, level)
+    at_lower, at_upper = f_limits(squares.n - 1.0, squares.error_df, level)
 
     def correlation_at(ratio: float) -> float:
         return 1.0 if math.isinf(ratio) else (ratio - 1.0) / (ratio + squares.k - 1.0)
@@ -215,7 +216,7 @@ def icc_agreement(squares: MeanSquares, *, level: float) -> Bounded:
     of_error = (1.0 + odds * (n - 1.0)) * error
     square_df = of_columns**2 / (k - 1.0) + of_error**2 / squares.error_df
     df = (of_columns + of_error) ** 2 / square_df
-    at_lower, at_upper = _f_limits(n - 1.0, df, level)
+    at_lower, at_upper = f_limits(n - 1.0, df, level)
     lower = n * (subjects - at_lower * error) / (at_lower * spread + n * subjects)
     upper = n * (subjects - at_upper * error) / (at_upper * spread + n * subjects)
     return Bounded(estimate, lower, upper)
@@ -240,7 +241,7 @@ def component_sd(squares: MeanSquares, *, level: float) -> Bounded:
         In the table's unit.
     """
     df = squares.n - 1.0
-    at_lower, at_upper = _f_limits(df, squares.error_df, level)
+    at_lower, at_upper = f_limits(df, squares.error_df, level)
     low, high = _chi_square_limits(df, level)
     total = df * squares.subjects / squares.k
     noise = df * squares.error / squares.k
@@ -300,7 +301,7 @@ def _chi_square_limits(df: float, level: float) -> tuple[float, float]:
     return float(lower), float(upper)
 
 
-def _f_limits(df: float, error_df: float, level: float) -> tuple[float, float]:
+def f_limits(df: float, error_df: float, level: float) -> tuple[float, float]:
     """Return the upper and the lower quantile of F at the level."""
     tail = tail_of(level) / 2.0
     # The upper quantile is one over the lower one of the inverse ratio, which keeps the digits.

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.coordinates import Transported
 from percept.inference.sampling.gate import (
     Estimands,
     Measured,
@@ -26,6 +25,7 @@ from percept.inference.sampling.gate import (
     pass_gate,
 )
 from percept.inference.sampling.moves import Ensembles
+from percept.inference.sampling.target import Transported
 
 __all__ = ["BURN_IN", "Chain", "Memory", "Pace", "Task"]
 

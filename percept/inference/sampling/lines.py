@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from percept.inference.sampling.coordinates import Target
 from percept.inference.sampling.gate import Run
+from percept.inference.sampling.target import Target
 
 __all__ = ["LineLimits", "line_limits"]
 

@@ -22,7 +22,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.coordinates import Target
+from percept.inference.sampling.target import Target
 
 __all__ = ["Ensembles", "IndependentMove", "PCNMove", "ReferenceLaw", "Schedule", "standard_moves"]
 

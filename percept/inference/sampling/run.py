@@ -36,8 +36,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.sampling.chain import BURN_IN, Chain, Memory, Pace, Task
-from percept.inference.sampling.coordinates import Target, Transported
 from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
+from percept.inference.sampling.target import Target, Transported
 from percept.inference.sampling.transport import Transport
 from percept.inference.sampling.warmup import starting_points, warm_up
 

@@ -28,9 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
-from percept.inference.sampling.coordinates import Affine, Target, Transported, describe_point
-from percept.inference.sampling.mode import find_mode
 from percept.inference.sampling.moves import Ensembles, ReferenceLaw
+from percept.inference.sampling.target import Affine, Target, Transported, describe_point, find_mode
 from percept.inference.sampling.transport import Transport
 
 __all__ = ["starting_points", "warm_up"]

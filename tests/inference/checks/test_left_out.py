@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from percept.errors import UsageError
-from percept.inference.checks.left_out import (
+from percept.inference.checks.predictive import (
     intervals_left_out,
     leave_one_out,
     predict_left_out,

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from percept.errors import RefusalError
-from percept.inference.checks.left_out import leave_one_out
+from percept.inference.checks.predictive import leave_one_out
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.model.design import Options
 from percept.inference.model.model import plain_model

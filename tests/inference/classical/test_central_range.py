@@ -8,7 +8,7 @@ import pytest
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.classical.central_range import central_range_confidence
+from percept.inference.classical.fiducial import central_range_confidence
 from percept.inference.classical.moments import Moments
 from tests import LONG
 

@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.classical.central_range import central_range_confidence
-from percept.inference.classical.fiducial import fiducial_draws
+from percept.inference.classical.fiducial import central_range_confidence, fiducial_draws
 from percept.inference.classical.moments import Moments
 
 DRAWS = 40_000

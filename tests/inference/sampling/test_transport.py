@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from percept.inference.sampling.coordinates import Affine, Transported
 from percept.inference.sampling.moves import ReferenceLaw
+from percept.inference.sampling.target import Affine, Transported
 from percept.inference.sampling.transport import Transport
 from tests.inference.sampling.targets import Normal
 

@@ -5,8 +5,7 @@ import pytest
 
 from percept.errors import RefusalError
 from percept.inference.sampling import warmup
-from percept.inference.sampling.coordinates import Affine, Transported
-from percept.inference.sampling.mode import find_mode
+from percept.inference.sampling.target import Affine, Transported, find_mode
 from tests.inference.sampling.targets import Normal
 
 
