@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import mpmath as mp
 import numpy as np
 import pytest
 from scipy import signal
@@ -253,71 +252,6 @@ def test_a_delayed_spring_needs_half_a_sample_and_its_delay(delay):
     """For whole samples U_2d(cos h)/2 is largest at DC: b > kT(d + ½)."""
     needed = needed_damping(Loop(Device(1.0, 1.0), T, delay=delay), Environment([1e3, 2e4], 0.0))
     assert needed.damping == pytest.approx(np.array([1e3, 2e4]) * T * (delay + 0.5), rel=1e-12)
-
-
-def stiffest_spring_of_a_mass(mass, damping, delay):
-    """Largest stable stiffness with a mass alone, N/m, from its characteristic equation.
-
-    The mass moves exactly between samples, under the force of the position `delay` samples ago. A
-    fraction of a sample puts out the older force first. On the edge a root is e^{jθ}.
-    """
-    with mp.workdps(40):
-        period = mp.mpf(T)
-        whole = int(np.floor(delay))
-        first = (mp.mpf(delay) - whole) * period
-        tau = mp.mpf(mass) / damping
-
-        def moved(time):
-            left = mp.exp(-time / tau)
-            free = mp.matrix([[1, tau * (1 - left)], [0, left]])
-            return free, mp.matrix([time - tau * (1 - left), 1 - left]) / damping
-
-        free_first, by_older = moved(first)
-        free_last, by_newer = moved(period - first)
-        free = free_last * free_first
-        older = free_last * by_older
-
-        def characteristic(stiffness, theta):
-            z = mp.mpc(mp.cos(theta), mp.sin(theta))
-            force = by_newer * z**-whole + older * z ** -(whole + 1)
-            matrix = z * mp.eye(2) - free
-            matrix[0, 0] += stiffness * force[0]
-            matrix[1, 0] += stiffness * force[1]
-            return mp.det(matrix) / slow**2
-
-        guess = damping / (period * (mp.mpf(delay) + 0.5))
-        slow = period * mp.sqrt(guess / mass)
-
-        def parts(share, turn):
-            value = characteristic(share * guess, turn * slow)
-            return value.real, value.imag / slow
-
-        return float(mp.findroot(parts, (1, 1))[0] * guess)
-
-
-@pytest.mark.parametrize("delay", [0.0, 1.0, 3.0, 0.5, 2.3])
-def test_a_heavy_mass_swings_from_the_stiffness_that_half_a_sample_and_the_delay_allow(delay):
-    """b = kT(d + ½) for masses that swing slowly, as published for delayed walls.
-
-    Derived from the characteristic equation here: the appendix of Brown (1995) and Hulin et al.
-    (2014) were not at hand. For whole samples no passive hand does worse than such a mass.
-    """
-    damping = 5.0
-    limit = damping / (T * (delay + 0.5))
-    errors = []
-    for mass in (10.0, 1e3):
-        found = stiffest_spring_of_a_mass(mass, damping, delay)
-        errors.append(abs(found / limit - 1))
-    assert errors[1] < 1e-4
-    assert errors[1] < errors[0] / 20
-    passive = float(
-        damping
-        / needed_damping(Loop(Device(1.0, 1.0), T, delay=delay), Environment(1.0, 0.0)).damping
-    )
-    if delay % 1:
-        assert passive < limit
-    else:
-        assert passive == pytest.approx(limit, rel=1e-12)
 
 
 def test_a_delayed_damper_or_mass_needs_as_much_as_without_delay():

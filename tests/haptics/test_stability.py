@@ -198,23 +198,6 @@ def test_general_criterion_gives_the_same_margins(device):
     assert verdict.smallest_margin == pytest.approx(dense.min(), rel=1e-8)
 
 
-@settings(max_examples=100, deadline=None)
-@given(
-    mode=st.tuples(*[st.one_of(st.just(0.0), st.floats(1e-6, 1e6))] * 3),
-    coupling=st.tuples(*[st.one_of(st.just(0.0), st.floats(1e-6, 1e6))] * 2),
-)
-def test_no_pole_of_parts_that_are_not_negative_lies_outside_the_unit_circle(mode, coupling):
-    """Why margins alone decide: poles of a mode by Tustin's method, and of both forms of 1/Z_c."""
-    (m, k, b), (k_c, b_c) = mode, coupling
-    s = np.roots([m, b, k]) if m else np.empty(0)
-    poles = [*((2 + s * T) / (2 - s * T))]
-    for beta in (b_c, b_c + k_c * T / 2):
-        if k_c:
-            # 1/Z_c = s/(β·s + k_c): in z its pole is where β·(2/T)(z − 1)/(z + 1) = −k_c.
-            poles += [*np.roots([2 * beta / T + k_c, k_c - 2 * beta / T])]
-    assert (np.abs(poles) <= 1 + 1e-12).all()
-
-
 def test_table_is_judged_over_its_range_and_may_be_active():
     whole = np.linspace(1, np.pi / T, 50)
     passive = absolute_stability(Loop(TabulatedDevice(whole, 30 + 1j * whole), T), COUPLING)

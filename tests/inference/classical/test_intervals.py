@@ -50,34 +50,11 @@ def test_half_widths_of_ten_subjects():
         assert (interval.upper + interval.lower) / 2 == pytest.approx(interval.mean, rel=1e-14)
 
 
-def test_against_scipys_t_interval():
-    low, high = stats.t.interval(0.99, 9, X.mean(), stats.sem(X))
-    interval = t_interval(X)
-    assert (interval.lower, interval.upper) == pytest.approx((low, high), rel=1e-13)
-
-
 @pytest.mark.parametrize(
     ("n", "share"), [(5, 0.8667), (10, 0.6472), (20, 0.4601), (30, 0.3757), (100, 0.2056)]
 )
 def test_the_share_of_users_an_interval_of_the_mean_holds(n, share):
     assert t_interval(Moments(0.0, 1.0, n)).expected_share == pytest.approx(share, abs=5e-5)
-
-
-def test_the_expected_share_against_quadrature():
-    n, level = 6, 0.95
-    t = stats.t.isf((1 - level) / 2, n - 1)
-
-    def held(mean, v):
-        half = t * np.sqrt(v / (n - 1) / n)
-        content = stats.norm.cdf(mean + half) - stats.norm.cdf(mean - half)
-        return content * stats.norm.pdf(mean, 0, 1 / np.sqrt(n)) * stats.chi2.pdf(v, n - 1)
-
-    grid, weight = np.polynomial.legendre.leggauss(80)
-    mean, v = 2.0 * grid[:, None], 20.0 * (grid + 1.0)
-    exact = float(2.0 * 20.0 * (weight[:, None] * weight * held(mean, v)).sum())
-    assert t_interval(Moments(0.0, 1.0, n), level=level).expected_share == pytest.approx(
-        exact, rel=1e-4
-    )
 
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
@@ -155,22 +132,6 @@ def test_bonferroni_halves_both_tails_of_a_share():
     assert (wide.share, wide.confidence) == (0.99, 0.95)
 
 
-@pytest.mark.parametrize(
-    ("joint", "least", "most"), [("marginal", 0.8, 0.9), ("bonferroni", 0.9, 0.95)]
-)
-@pytest.mark.parametrize("make", [t_interval, prediction_interval])
-def test_stiffness_and_damping_hold_together(make, joint, least, most):
-    studies, n = 5000, 8
-    covariance = [[4.0, 1.2], [1.2, 1.0]]
-    drawn = np.random.default_rng(31).multivariate_normal(
-        [30.0, 10.0], covariance, (studies, n + 1)
-    )
-    target = drawn[:, n] if make is prediction_interval else np.array([30.0, 10.0])
-    interval = make(np.moveaxis(drawn[:, :n], 1, -1), level=0.9, joint=joint)
-    held = np.mean(((interval.lower <= target) & (target <= interval.upper)).all(axis=1))
-    assert least - 4 * np.sqrt(0.16 / studies) <= held <= most + 4 * np.sqrt(0.16 / studies)
-
-
 @pytest.mark.parametrize("make", KINDS)
 def test_published_limits_under_lognormal_are_approximate(make):
     published = Moments.from_limits(944.85, 1017.2, 10)
@@ -185,16 +146,9 @@ def test_published_limits_under_lognormal_are_approximate(make):
 @pytest.mark.parametrize(
     ("x", "options", "error", "message"),
     [
-        ([], {}, UsageError, "array is empty"),
-        ([1.0], {}, RefusalError, "At least 2 subjects are needed; there is 1"),
-        ([1.0, np.nan], {}, UsageError, "finite numbers"),
-        ([1.0, -np.inf], {}, UsageError, "finite numbers"),
-        ([[1.0, 2.0], [1.0]], {}, UsageError, "unequal length"),
         ([2.0, 2.0, 2.0], {}, RefusalError, "same value: with no scatter"),
         ([[1.0, 2.0], [3.0, 3.0]], {}, RefusalError, r"first at index \[1\]"),
-        ([1.0, 0.0], {"family": "lognormal"}, RefusalError, "zero or negative"),
         ([1.0, 2.0], {"level": 1.0}, UsageError, "level must lie strictly between 0 and 1"),
-        ([1.0, 2.0], {"level": np.nan}, UsageError, "level must lie strictly between 0 and 1"),
         ([1.0, 2.0], {"level": [0.9, 0.99]}, UsageError, "level must be one number"),
         (
             [1.0, 2.0],
@@ -210,7 +164,6 @@ def test_published_limits_under_lognormal_are_approximate(make):
         ),
         ([1.0, 2.0], {"side": "left"}, UsageError, 'side must be one of "both", "lower", "upper"'),
         (Moments(0.0, 1.0, 5, scale="log"), {}, UsageError, "moments of logarithms"),
-        (Moments(0.0, 1.0, 5), {"family": "lognormal"}, RefusalError, "positive mean"),
     ],
 )
 def test_what_is_wrong_is_said(make, x, options, error, message):
