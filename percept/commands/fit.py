@@ -45,6 +45,7 @@ _COLUMNS = [
     "unit",
 ]
 _PREDICTED = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
+_FIT_FILES = ("fit.json", "posterior.nc")
 # Rows of the table without --all: what a terminal shows at once.
 _MOST_ROWS = 30
 _BATCH = """Fit many studies on the cores of this machine or on a dask cluster.
@@ -58,13 +59,18 @@ refused or has no Bayesian numbers.
 
 def _fit(arguments: argparse.Namespace) -> int:
     """Write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
-    from percept.report import fill_fit, fit_folder
+    from percept.files import FolderFiles, filled_folder
+    from percept.study.posterior import netcdf
 
     with Working("fitting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        with fit_folder(arguments.out, force=arguments.force) as into:
+        with filled_folder(
+            arguments.out, FolderFiles("fit.json", _FIT_FILES), force=arguments.force
+        ) as into:
             results = study.results(curves=False, progress=progress.stage)
-            fill_fit(into, results, posterior=study.posterior)
+            (into / "fit.json").write_text(results.to_json(), encoding="utf-8")
+            if study.posterior is not None:
+                (into / "posterior.nc").write_bytes(netcdf(study.posterior))
         path = Path(arguments.out) / "fit.json"
     if arguments.json:
         print(path.read_text(encoding="utf-8"))

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-from percept.report.write import (
-    fill_fit,
-    fill_report,
-    fit_folder,
-    report_folder,
-    rewrite_report,
-)
+from percept.report.write import fill_report, report_folder, rewrite_report
 
-__all__ = ["fill_fit", "fill_report", "fit_folder", "report_folder", "rewrite_report"]
+__all__ = ["fill_report", "report_folder", "rewrite_report"]

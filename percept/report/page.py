@@ -8,7 +8,6 @@ import hashlib
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from importlib import resources
-from typing import TYPE_CHECKING
 
 from jinja2 import FunctionLoader, StrictUndefined
 from jinja2.sandbox import SandboxedEnvironment
@@ -16,12 +15,9 @@ from markupsafe import Markup, escape
 
 from percept.provenance import commit_of_code
 from percept.report.numbers import number
-from percept.report.sections import Section, Table, Value
+from percept.report.sections import Plot, Section, Table, Value
 from percept.report.select import title_of
 from percept.results import Findings, Results
-
-if TYPE_CHECKING:
-    from percept.report.figures.canvas import Drawing
 
 __all__ = ["Places", "render_page"]
 
@@ -47,7 +43,7 @@ def render_page(
     results: Results,
     found: Findings,
     sections: Sequence[Section],
-    plots: Mapping[str, Drawing],
+    plots: Mapping[str, Plot],
     *,
     date: str,
     files: Collection[str] = (),

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 from percept.report.numbers import digits_of
 
 __all__ = [
-    "NOTHING", "Cell", "Columns", "Section", "Table", "Value", "ends", "of", "plus_minus",
+    "NOTHING", "Cell", "Columns", "Plot", "Section", "Table", "Value", "ends", "of", "plus_minus",
     "table_of", "value", "with_limits",
 ]  # fmt: skip
 
@@ -57,6 +57,16 @@ class Table:
     name: str = ""  # Of its files; empty for a table that has none
     csv: str = ""  # Name of the file with every digit, and with what the table leaves out
     ids: Sequence[str] = ()  # Of the rows, where something on the page leads to them
+
+
+class Plot(NamedTuple):
+    """A figure that is drawn."""
+
+    title: str  # What it shows, in a few words
+    description: str  # What a reader who cannot see it should know
+    size: tuple[float, float]  # Width and height, mm
+    svg: str  # ``<svg>`` element for a page
+    formats: tuple[str, ...]  # Of the files written
 
 
 @dataclass(frozen=True)

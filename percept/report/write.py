@@ -1,27 +1,26 @@
-"""Write a report, or intervals alone: complete files only, and none of the user's replaced."""
+"""Write a report: complete files only, and none of the user's replaced."""
 
 from __future__ import annotations
 
 import datetime
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from percept.errors import UsageError
 from percept.files import FolderFiles, filled_folder
 from percept.report.overview import findings
+from percept.report.sections import Plot
 from percept.report.tables import csv_tables
-from percept.results import Results
-
-if TYPE_CHECKING:
-    from xarray import DataTree
+from percept.results import Beside, Results
 
 __all__ = [
-    "FIT_FILES", "REPORT_FILES", "fill_fit", "fill_report", "fit_folder", "report_folder",
-    "rewrite_report", "write_posterior",
-]  # fmt: skip
+    "REPORT_FILES",
+    "fill_report",
+    "report_folder",
+    "rewrite_report",
+]
 
 _FORMATS = ("svg", "pdf", "png")
 _TABLES = (
@@ -45,7 +44,6 @@ REPORT_FILES = FolderFiles(
         *(f"figures/{name}.{form}" for name in _FIGURES for form in _FORMATS),
     ),
 )
-FIT_FILES = FolderFiles("fit.json", ("fit.json", "posterior.nc"))
 
 
 @contextmanager
@@ -88,10 +86,11 @@ def fill_report(
     folder: Path,
     results: Results,
     *,
-    posterior: DataTree | None = None,
+    posterior: Callable[[], bytes | None] | None = None,
     formats: Sequence[str] = ("svg",),
     date: str | None = None,
     progress: Callable[[str], None] | None = None,
+    beside: Beside = nullcontext,
 ) -> None:
     """Write the page, report.json, tables, figures and the posterior into a folder.
 
@@ -101,19 +100,19 @@ def fill_report(
         As `report_folder` gives it.
     results : Results
         Of a study, or read back from report.json.
-    posterior : DataTree, optional
-        Draws to put beside them.
+    posterior : callable, optional
+        Gives the draws as netCDF, to put beside them; None where there are none.
     formats : sequence of {"svg", "pdf", "png"}
         Of the figures' files; none: only those inside the page.
     date : str, optional
         Printed on the page; today where not given. It is in no other file.
     progress : callable, optional
         Called with the name of each step.
+    beside : callable
+        Draws the figures while the rest is written, as `percept.workers.beside` does.
     """
-    # A fit needs none of these, and matplotlib is slow to import.
+    # Matplotlib and Jinja2 are slow to import.
     from percept.report.document import build_sections
-    from percept.report.figures import drawings
-    from percept.report.figures.output import draw_all
     from percept.report.methods import bibtex
     from percept.report.page import render_page
     from percept.report.paste import paste_tables
@@ -121,43 +120,39 @@ def fill_report(
     step = progress or (lambda _: None)
     step("writing tables")
     summary = findings(results)
-    (folder / "report.json").write_text(results.to_json(summary), encoding="utf-8")
-    (folder / "tables").mkdir()
-    sections = build_sections(results, summary)
-    _write_tables(folder, csv_tables(results))
-    _write_tables(folder, paste_tables(sections, simulated=results.data.simulated))
-    (folder / "references.bib").write_text(bibtex(results), encoding="utf-8")
-    if posterior is not None:
-        step("writing the posterior")
-        write_posterior(posterior, folder / "posterior.nc")
-    step("drawing figures")
-    plots = draw_all(drawings(results, summary.overview.rows), folder / "figures", formats=formats)
-    step("writing the page")
-    files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
-    today = datetime.date.today().isoformat()
-    page = render_page(results, summary, sections, plots, date=date or today, files=files)
-    (folder / "report.html").write_text(page, encoding="utf-8")
+
+    def draw() -> dict[str, Plot]:
+        from percept.report.figures import drawings
+        from percept.report.figures.output import draw_all
+
+        step("drawing figures")
+        figures = drawings(results, summary.overview.rows)
+        return draw_all(figures, folder / "figures", formats=formats)
+
+    with beside(draw) as plots:
+        (folder / "report.json").write_text(results.to_json(summary), encoding="utf-8")
+        (folder / "tables").mkdir()
+        sections = build_sections(results, summary)
+        _write_tables(folder, csv_tables(results))
+        _write_tables(folder, paste_tables(sections, simulated=results.data.simulated))
+        (folder / "references.bib").write_text(bibtex(results), encoding="utf-8")
+        if posterior is not None:
+            step("writing the posterior")
+            draws = posterior()
+            if draws is not None:
+                (folder / "posterior.nc").write_bytes(draws)
+        drawn = plots()
+        step("writing the page")
+        files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
+        today = datetime.date.today().isoformat()
+        page = render_page(results, summary, sections, drawn, date=date or today, files=files)
+        (folder / "report.html").write_text(page, encoding="utf-8")
 
 
 def _write_tables(folder: Path, tables: Mapping[str, str]) -> None:
     """Write tables by file name."""
     for name, text in tables.items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
-
-
-@contextmanager
-def fit_folder(out_dir: str | Path, *, force: bool = False) -> Iterator[Path]:
-    """Give an empty folder for fit.json and posterior.nc; as `report_folder` otherwise."""
-    with filled_folder(out_dir, FIT_FILES, force=force) as folder:
-        yield folder
-
-
-def fill_fit(folder: Path, results: Results, *, posterior: DataTree | None = None) -> None:
-    """Write fit.json, in report.json's schema, and the posterior into a folder."""
-    document = results.to_json(findings(results))
-    (folder / "fit.json").write_text(document, encoding="utf-8")
-    if posterior is not None:
-        write_posterior(posterior, folder / "posterior.nc")
 
 
 def rewrite_report(
@@ -204,13 +199,3 @@ def rewrite_report(
         if draws.is_file():
             shutil.copyfile(draws, folder / "posterior.nc")
     return Path(out_dir) / "report.html"
-
-
-def write_posterior(posterior: DataTree, path: Path) -> None:
-    """Write a posterior to a netCDF file.
-
-    It is put together in memory: where HDF5 itself runs into a full disk, closing its file ends the
-    process.
-    """
-    content = posterior.to_netcdf(engine="h5netcdf")
-    path.write_bytes(content)

@@ -72,7 +72,7 @@ from percept.results.intervals import (
 )
 from percept.results.plain import dumps, plain
 from percept.results.psychophysics import EquivalenceRow, PseLineRow, PsychophysicsRow
-from percept.results.results import SCHEMA, Part, Results, Skipped
+from percept.results.results import SCHEMA, Beside, Part, Results, Skipped
 
 __all__ = [
     "SCHEMA",
@@ -84,7 +84,7 @@ __all__ = [
     "BandPair",
     "BandRow",
     "BandStatement",
-    "Boundary",
+    "Beside", "Boundary",
     "CellOutlier",
     "CellValues",
     "CentralProbability",

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import field
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -42,6 +44,10 @@ _CURVES = {"boundaries": "impedances", "close": "close_impedances"}
 
 #: Of report.json and fit.json: the name, and the version of its fields.
 SCHEMA = "percept-report/5"
+
+
+#: Does some work while the caller goes on: gives a function that waits for its result.
+Beside = Callable[[Callable[[], Any]], AbstractContextManager[Callable[[], Any]]]
 
 
 @dataclasses.dataclass(frozen=True)

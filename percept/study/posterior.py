@@ -52,6 +52,15 @@ def variables_of_posterior() -> dict[str, dict[str, str]]:
     return tomllib.loads(_NAMES.read_text(encoding="utf-8"))
 
 
+def netcdf(tree: DataTree) -> bytes:
+    """Return a tree as a netCDF file.
+
+    It is put together in memory: where HDF5 itself runs into a full disk, closing its file ends the
+    process.
+    """
+    return bytes(tree.to_netcdf(engine="h5netcdf"))
+
+
 def posterior_tree(fit: Fit, *, seed: int) -> DataTree:
     """Collect draws and data, one chain per ensemble.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Collection, Iterable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ import pandas as pd
 from percept import results
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import fields_html
-from percept.results import Checks, Diagnostics, Part, Provenance, Results, Skipped
+from percept.results import Beside, Checks, Diagnostics, Part, Provenance, Results, Skipped
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study import records
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
     from percept.study.fit import RunStore
 
-
-#: Does some work while the caller goes on: gives a function that waits for its result.
-Beside = Callable[[Callable[[], Any]], AbstractContextManager[Callable[[], Any]]]
 
 #: More environments than anybody tests: their contrasts and page would take hours.
 _MOST_ENVIRONMENTS = 1_000
@@ -259,7 +256,8 @@ class Study(Displayed):
         progress = options.get("progress")
         with report_folder(directory, formats=formats, force=force) as folder:
             made = self.results(why=why, progress=progress, beside=beside)
-            fill_report(folder, made, posterior=self.posterior, formats=formats, **options)
+            options |= {"formats": formats, "beside": beside}
+            fill_report(folder, made, posterior=self._posterior_file, **options)
         return Path(directory) / "report.html"
 
     def decide(self) -> tuple[str, ...]:
@@ -267,6 +265,12 @@ class Study(Displayed):
         from percept.report.overview import decide
 
         return tuple(decide(self.results()))
+
+    def _posterior_file(self) -> bytes | None:
+        """Return the posterior as netCDF; None without one."""
+        from percept.study.posterior import netcdf
+
+        return None if self.posterior is None else netcdf(self.posterior)
 
     # Every plot draws on the matplotlib axes `ax`, or on a new figure without them, and returns the
     # axes. It raises UsageError for a name that the study does not have, RefusalError where there

@@ -124,6 +124,7 @@ def test_steps_are_told(quick, tmp_path):
         "mapping couplings",
         "trying other devices",
         "writing tables",
+        "writing the posterior",
         "drawing figures",
         "writing the page",
     ]

@@ -92,12 +92,12 @@ import resource, sys
 from pathlib import Path
 import numpy as np
 import arviz_base
-from percept.report.write import write_posterior
+from percept.study.posterior import netcdf
 sys.dont_write_bytecode = True
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 values = np.random.default_rng(1).random((4, 20_000))
 try:
-    write_posterior(arviz_base.from_dict({"posterior": {"scale": values}}), Path(sys.argv[1]))
+    Path(sys.argv[1]).write_bytes(netcdf(arviz_base.from_dict({"posterior": {"scale": values}})))
 except OSError as error:
     print(error.strerror)
 """

@@ -48,15 +48,13 @@ _MOST_TICKS = 7
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure: what it says, how it is drawn, and once it is drawn its form on the page."""
+    """A figure before it is drawn."""
 
     name: str  # Of its file, without ending
     title: str  # What it shows, in a few words
     description: str  # What a reader who cannot see it should know
     size: tuple[float, float]  # Width and height, mm
     draw: Callable[[Figure], None]  # Draws on an empty matplotlib Figure with constrained layout
-    svg: str = ""  # ``<svg>`` element for a page
-    formats: tuple[str, ...] = ()  # Of the files written
 
 
 def panels(figure: Figure, count: int = 1, *, columns: int | None = None) -> list[Axes]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import re
 import warnings
@@ -15,6 +14,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from percept.report.figures.canvas import COLOURS, MM, Drawing
+from percept.report.sections import Plot
 
 __all__ = ["STYLE", "draw_all", "drawn"]
 
@@ -90,15 +90,15 @@ _REFERENCE = re.compile(r'(?:url\(|href=")#([^)"]+)')
 
 def draw_all(
     drawings: Iterable[Drawing], folder: Path, *, formats: Sequence[str] = ("svg",)
-) -> dict[str, Drawing]:
-    """Draw figures, write their files, and return them by name with their form on the page."""
+) -> dict[str, Plot]:
+    """Draw figures, write their files, and return them by name."""
     plots = {}
-    for drawing in drawings:
-        files, svg = drawn(drawing, formats)
+    for one in drawings:
+        files, svg = drawn(one, formats)
         for form, content in files.items():
             folder.mkdir(exist_ok=True)
-            (folder / f"{drawing.name}.{form}").write_bytes(content)
-        plots[drawing.name] = dataclasses.replace(drawing, svg=svg, formats=tuple(files))
+            (folder / f"{one.name}.{form}").write_bytes(content)
+        plots[one.name] = Plot(one.title, one.description, one.size, svg, tuple(files))
     return plots
 
 
