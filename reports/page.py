@@ -61,8 +61,6 @@ def cell(value: object) -> str:
     """Write a value of a table."""
     if value is None:
         return ""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, list | tuple):

@@ -53,7 +53,7 @@ period = 0.001
 stiffness = 50000
 damping = 100
 """
-_PLAIN = Kind(10, 5, parameters=("k", "b"))
+_PLAIN = Kind(10, 5)
 _FACTORS = ("hand", "load", "tool")
 #: What grows, and the studies of its ladder. A factor of two levels doubles the cells.
 LADDERS: Mapping[str, Mapping[int, Kind]] = {
@@ -67,7 +67,7 @@ LARGE: Mapping[str, tuple[Kind, str]] = {
     "100 x 160": (replace(_PLAIN, subjects=100, environments=160), "both"),
     "315 x 60": (replace(_PLAIN, subjects=315, environments=60), "classical"),
     "16 x 5 x 2, 36 trials, own trial SDs": (
-        Kind(16, 5, (36, 36), ("hand",), own_trial_sds=True, parameters=("k", "b")),
+        Kind(16, 5, (36, 36), ("hand",), own_trial_sds=True),
         "both",
     ),
 }

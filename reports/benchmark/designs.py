@@ -16,8 +16,8 @@ from reports.measure import in_a_process
 from reports.page import Page, say
 from reports.studies import Observed
 
-_TWICE = Kind(16, 5, (2, 2), factors=("hand",), parameters=("k", "b"))
-_OWN = Kind(12, 5, (3, 3), own_trial_sds=True, parameters=("k", "b"))
+_TWICE = Kind(16, 5, (2, 2), factors=("hand",))
+_OWN = Kind(12, 5, (3, 3), own_trial_sds=True)
 #: Drawn from the prior. Of those with subjects' own trial SDs a plain design is the same with one.
 FACTORS: Mapping[str, Kind] = {
     "16x5x2, factor": _TWICE,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -119,16 +118,10 @@ def runs_of(
         for seed in range(2, 2 + repeats):
             if len(runs) > 1 and time.time() - started > seconds:
                 return runs
-            before = _processor_seconds()
+            before = time.process_time()
             fitted = asdict(sampler(size, seed))
-            runs.append({"size": size, "processor": _processor_seconds() - before, **fitted})
+            runs.append({"size": size, "processor": time.process_time() - before, **fitted})
     return runs
-
-
-def _processor_seconds() -> float:
-    """Return processor seconds of this process and of those it has waited for."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 @dataclass(frozen=True)

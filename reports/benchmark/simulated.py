@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any, Literal
 
@@ -75,18 +75,17 @@ def simulated(design: StudyDesign, seed: int) -> Observed:
 
     correlation = design.correlation if size == 2 else 0.0
     repeated = float(plan.repeated)
-    hyper = Hyperparameters(
+    hyper = replace(
+        Hyperparameters.zero(size),
         alpha=same(0.05),
         gamma=same(0.02),
         tau=same(0.05),
         sigma_u=same(0.1),
         rho_u=correlation,
         s=same(design.sigma_w),
-        kappa=same(0.0),
         omega=same(0.2),
         rho_w=correlation,
         s_e=same(design.sigma_e * repeated),
-        kappa_e=same(0.0),
         omega_e=same(0.2 * repeated),
         rho_e=correlation,
     )

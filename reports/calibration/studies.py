@@ -42,7 +42,7 @@ class Kind:
     covariate: bool = False  # Whether bias follows a covariate of the trials
     own_trial_sds: bool = False
     spread: tuple[str, ...] = ()  # Factors whose levels differ in the spread of subjects' effects
-    parameters: tuple[str, ...] = ("k",)
+    parameters: tuple[str, ...] = ("k", "b")
     priors: Priors = NARROW
 
     @property
@@ -51,29 +51,29 @@ class Kind:
         return [*self.factors, *([":".join(self.factors)] if self.interaction else [])]
 
 
-_BOTH = ("k", "b")
+_ONE = ("k",)
 #: A twentieth of the scatter between trials: the data can hardly tell the scatter between subjects
 #: from none.
 _WEAK = Priors(log_s_mean=math.log(0.005))
 #: The order decides the seeds.
 KINDS = {
-    "balanced": Kind(10, 5, parameters=_BOTH, priors=Priors()),
-    "trials": Kind(8, 3, (3, 3), parameters=_BOTH, priors=Priors()),
-    "missing cells": Kind(8, 4, missing=6, parameters=_BOTH, priors=Priors()),
-    "one parameter": Kind(8, 4, priors=Priors()),
-    "one environment": Kind(8, 1, parameters=_BOTH, priors=Priors()),
-    "three subjects": Kind(3, 3, parameters=_BOTH, priors=Priors()),
-    "weak scatter": Kind(10, 5, (3, 3), parameters=_BOTH, priors=_WEAK),
-    "thirty environments": Kind(8, 30, parameters=_BOTH, priors=Priors()),
+    "balanced": Kind(10, 5, priors=Priors()),
+    "trials": Kind(8, 3, (3, 3), priors=Priors()),
+    "missing cells": Kind(8, 4, missing=6, priors=Priors()),
+    "one parameter": Kind(8, 4, parameters=_ONE, priors=Priors()),
+    "one environment": Kind(8, 1, priors=Priors()),
+    "three subjects": Kind(3, 3, priors=Priors()),
+    "weak scatter": Kind(10, 5, (3, 3), priors=_WEAK),
+    "thirty environments": Kind(8, 30, priors=Priors()),
     "two factors with interaction": Kind(
-        factors=("hand", "load"), interaction=True, spread=("hand",)
+        factors=("hand", "load"), interaction=True, spread=("hand",), parameters=_ONE
     ),
-    "factor and group": Kind(8, 2, (2, 2), factors=("hand", GROUP), interaction=True),
-    "covariate, missing cells": Kind(
-        trials=(1, 3), factors=("hand",), missing=3, covariate=True, parameters=_BOTH
+    "factor and group": Kind(8, 2, (2, 2), ("hand", GROUP), interaction=True, parameters=_ONE),
+    "covariate, missing cells": Kind(trials=(1, 3), factors=("hand",), missing=3, covariate=True),
+    "subjects' own trial SDs": Kind(
+        trials=(4, 4), factors=("hand",), own_trial_sds=True, parameters=_ONE
     ),
-    "subjects' own trial SDs": Kind(trials=(4, 4), factors=("hand",), own_trial_sds=True),
-    "subjects' own trial SDs, no factor": Kind(trials=(6, 6), own_trial_sds=True),
+    "subjects' own trial SDs, no factor": Kind(trials=(6, 6), own_trial_sds=True, parameters=_ONE),
 }
 
 

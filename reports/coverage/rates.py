@@ -48,8 +48,6 @@ DEVICE = Device(mass=0.5, damping=5.0)
 PERIOD = 1e-3
 #: Studies that are worked on at once.
 CHUNK = 1_000
-#: Studies of one number of subjects before those of the next.
-STEP = 5
 #: Standard errors by which a rate may pass what is promised.
 CLEAR = 4.0
 #: References of the Bayesian studies, N/m and N·s/m.
@@ -297,23 +295,13 @@ def page(out: Path, *, studies: int = 20_000, magnitude: int = 400, fits: int = 
         " rate is that of errors among the verdicts which say so, ± its binomial error where it is"
         f" {wrong:.2g} in truth."
     )
-    errors = bayesian_errors(out, fits)
     rows = []
-    for n, each in errors.items():
+    for n in SIZES:
+        each = errors_of(kept_fits(n, out).complete(functools.partial(bayesian_study, n), fits))
         real = share(each.outside, each.said_real)
         does_not = share(each.inside, each.said_not)
         rows.append([n, each.studies, each.verdicts, *real, *does_not, percent(each.undecided)])
+        page.right &= each.within_promise()
     heads = ["n", "studies", "verdicts", "real, but outside", "±", "does not, but inside", "±"]
     page.table([*heads, "undecided"], rows)
-    page.right = all(each.within_promise() for each in errors.values())
     return page
-
-
-def bayesian_errors(out: Path, fits: int) -> dict[int, Errors]:
-    """Judge Bayesian studies, a few of each size in turn: a run that stops has as many of each."""
-    done = {}
-    for wanted in range(STEP, fits + STEP, STEP):
-        for n in SIZES:
-            study = functools.partial(bayesian_study, n)
-            done[n] = kept_fits(n, out).complete(study, min(wanted, fits))
-    return {n: errors_of(lines) for n, lines in done.items()}

@@ -8,15 +8,13 @@ from decimal import Decimal
 import numpy as np
 from scipy import special
 
-from percept.haptics import Coupling, Device, Environment, Loop
-from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
+from percept.haptics import Coupling, Environment
 from percept.inference import Moments, bias, t_interval, tolerance_factor
 from reports.hbfd.devices import BoolArray, direct_inside, largest, share_true
 from reports.hbfd.published import LOOKED_AT, Array, Evidence, Published, evidence
 
 _SHARE_CONFIDENCE = 0.95
 _ENOUGH_SUBJECTS = 30  # Section 3.1: this number of subjects is said to represent everybody
-_CORRELATIONS = (-0.9, 0.0, 0.9)
 # Where thresholds of vibration are usually measured, Hz: the fast and slow mechanoreceptors of the
 # hand.
 _TOUCH_HERTZ = (40.0, 250.0)
@@ -138,7 +136,8 @@ def joint_level(published: Published) -> Evidence:
     least = 1.0 - 2.0 * (1.0 - level)  # Bonferroni's inequality
     independent = level**2
     most = level  # Limits that hold or fail together
-    stiffness, _ = _moments_of(published, 0)
+    moments = published.limits.moments
+    stiffness = Moments(np.ravel(moments.mean)[0], np.ravel(moments.sd)[0], published.limits.n)
     alone = t_interval(stiffness, level=level)
     wider = t_interval(stiffness, level=level, joint="bonferroni")
     widening = (wider.upper - wider.estimate) / (alone.upper - alone.estimate)
@@ -153,35 +152,6 @@ def joint_level(published: Published) -> Evidence:
     )
 
 
-def limits_suffice(published: Published) -> Evidence:
-    """Say why nobody can judge whether limits alone bound k and b together."""
-    spreads = {}
-    for row, wall in enumerate(published.walls):
-        k, b = _moments_of(published, row)
-        uppers = [_upper_of_ellipse(published, k, b, correlation) for correlation in _CORRELATIONS]
-        spreads[wall.name] = max(uppers) / min(uppers) - 1
-    worst = max(spreads, key=spreads.__getitem__)
-    low, *_, high = _CORRELATIONS
-    return evidence(None, low=low, high=high, worst=worst, spread=spreads[worst])
-
-
-def _upper_of_ellipse(published: Published, k: Moments, b: Moments, correlation: float) -> float:
-    """Return the largest |Z_e| over Hotelling's region of the mean, two parameters, N·s/m."""
-    n = published.limits.n
-    # F of 2 and n − 2 degrees of freedom has this quantile in closed form.
-    quantile = math.expm1(-2.0 * math.log1p(-published.limits.level) / (n - 2))
-    radius = math.sqrt((n - 1) * quantile / n)
-    sd = np.array([k.sd, b.sd], dtype=float)
-    correlations = np.array([[1.0, correlation], [correlation, 1.0]])
-    covariance = np.outer(sd, sd) * correlations
-    centre = (float(k.mean), float(b.mean))
-    device = Device(0.0, 0.0)
-    _, upper = magnitude_envelope_ellipse(
-        Loop(device, published.period), LOOKED_AT, Ellipse(centre, covariance, radius)
-    )
-    return float(upper)
-
-
 def _expected_share(n: int, level: float) -> float:
     standard = Moments(0.0, 1.0, n)
     interval = t_interval(standard, level=level)
@@ -191,17 +161,6 @@ def _expected_share(n: int, level: float) -> float:
 def _names(published: Published) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
     """Return the names of the table's cells, row by row."""
     return np.array([f"{name} of {wall.name}" for wall in published.walls for name in "kb"])
-
-
-def _moments_of(published: Published, row: int) -> tuple[Moments, Moments]:
-    """Return the moments of k and of b of one environment."""
-    moments = published.limits.moments
-    n = published.limits.n
-    means = np.asarray(moments.mean)[row].tolist()
-    sds = np.asarray(moments.sd)[row].tolist()
-    k = Moments(means[0], sds[0], n)
-    b = Moments(means[1], sds[1], n)
-    return k, b
 
 
 def mass_left_out(published: Published) -> Evidence:

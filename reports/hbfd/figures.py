@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from percept.haptics import Coupling, Device, Loop, corner_curves, required_damping
+from percept.haptics import Coupling, Device, Loop, corner_curves
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.stability import coupling_bound
 from reports.hbfd.devices import Panel, over_devices, panels
@@ -81,9 +81,7 @@ def _fig4(published: Published, needed: float) -> Figure:
     for coupling in (THEORETICAL, published.tuned):
         admittance = np.asarray(coupling_admittance(published.loop, omega, coupling)).real
         label = f"{float(coupling.stiffness) / 1e3:g} kN/m"
-        (line,) = ax.loglog(omega, admittance, label=label)
-        binds = float(required_damping(published.loop, coupling).omega)
-        ax.axvline(binds, color=line.get_color(), linestyle=":")
+        ax.loglog(omega, admittance, label=label)
     bound = coupling_bound(Loop(Device(published.device.mass, needed), period), omega)
     ax.loglog(omega, bound, color="black", label=f"bound, {needed:.4g} N·s/m")
     ax.legend()

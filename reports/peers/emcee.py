@@ -42,16 +42,12 @@ def sampler(study: Observed) -> Callable[[float, int], Fitted]:
         value = np.concatenate([estimates.value for estimates, _ in parts])
         sd = np.concatenate([influence.std(axis=0) for _, influence in parts])
         shape = (len(KINDS), 2, len(estimands.model.cells))
-        notes = {
-            "acceptance": float(np.mean(ensemble.acceptance_fraction)),
-            "tau": slowest * _KEPT_EVERY,
-        }
         return Fitted(
             value.reshape(shape),
             (sd / np.sqrt(effective)).reshape(shape),
             effective,
             time.perf_counter() - started,
-            notes,
+            {"acceptance": float(np.mean(ensemble.acceptance_fraction))},
         )
 
     return fit

@@ -14,9 +14,9 @@ def doubled(value):
 
 def test_tables_round_and_escape():
     page = Page("Title", "First.")
-    page.table(["a", "b|c"], [[1 / 3, "x|y"], [None, True], [7, (0.5, "z")]])
+    page.table(["a", "b|c"], [[1 / 3, "x|y"], [None, 3], [7, (0.5, "z")]])
     assert page.text == (
-        "# Title\n\nFirst.\n\n| a | b|c |\n|---|---|\n| 0.3333 | x\\|y |\n|  | yes |\n"
+        "# Title\n\nFirst.\n\n| a | b|c |\n|---|---|\n| 0.3333 | x\\|y |\n|  | 3 |\n"
         "| 7 | 0.5, z |\n"
     )
 

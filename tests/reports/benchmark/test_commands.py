@@ -123,7 +123,7 @@ def test_the_power_that_time_goes_with():
 
 
 def test_sessions_hold_the_trials_of_a_study():
-    kind = Kind(3, 4, (5, 5), ("hand",), parameters=("k", "b"))
+    kind = Kind(3, 4, (5, 5), ("hand",))
     table = sessions_of(kind, seed=2)
     study = draw_study(kind, np.random.default_rng(2)).observed
     cells = table.groupby(["subject", "environment", "hand"])["trial"]
@@ -138,7 +138,7 @@ def test_sessions_hold_the_trials_of_a_study():
 
 @pytest.mark.evidence
 def test_a_report_of_a_simulated_study():
-    kind = Kind(8, 3, (2, 2), ("hand",), parameters=("k", "b"))
+    kind = Kind(8, 3, (2, 2), ("hand",))
     cost, page_size = report_of(kind, "classical")
     assert cost.processor > 1.0
     assert 0.1 < page_size < 10.0

@@ -155,21 +155,6 @@ def test_the_references_left_out_are_those_outside_the_printed_limits(published,
     assert "b of VE1" not in claims["reference-inside"].finding
 
 
-def test_the_joint_region_by_a_walk_along_its_edge(published, claims):
-    # Hotelling's region of VE1's mean, 2 parameters and 10 subjects, at three correlations.
-    mean, sd = np.array([14.914, 0.68455]), np.array([3.9954, 0.63147])
-    radius = math.sqrt(2 * 9 / (10 * 8) * stats.f.ppf(0.99, 2, 8))
-    angle = np.linspace(0, 2 * np.pi, 100_001)
-    s, _ = parts(10.0)
-    uppers = []
-    for r in (-0.9, 0.0, 0.9):
-        edge = np.linalg.cholesky([[1, r], [r, 1]]) @ np.array([np.cos(angle), np.sin(angle)])
-        k, b = mean[:, None] + radius * sd[:, None] * edge
-        uppers.append(abs(b + k / s).max())
-    found = numbers_of(claims["limits-suffice"])["upper |Z_e|, largest change with the correlation"]
-    assert found == pytest.approx(max(uppers) / min(uppers) - 1, abs=2e-4)
-
-
 def test_a_normal_law_by_its_own_moments(published, claims):
     # Mean and SD behind printed limits: middle, and half-width times √n/t.
     root = math.sqrt(10) / stats.t.ppf(0.995, 9)
