@@ -19,7 +19,7 @@ MODULES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(
 #: Code tokens in all: what is new is paid for by what it makes dead. Packing does not help.
 MOST_TOKENS = 276_400
 #: The same of what makes the pages of `reports`.
-MOST_TOKENS_OF_REPORTS = 38_700
+MOST_TOKENS_OF_REPORTS = 38_000
 #: The same of the tests.
 MOST_TOKENS_OF_TESTS = 289_000
 #: Tokens on a code line, and in a statement; well-read libraries have 6 to 9, and 10 to 12.
