@@ -246,15 +246,4 @@ def read_grid(entry: Input, options: ReadOptions, notices: list[Notice]) -> Grid
     text, encoding = decode(entry, options.sessions.encoding)
     if encoding == "cp1252" and options.sessions.encoding is None:
         notices.append(Notice("not UTF-8; read as Windows-1252", entry.name))
-
-    def resolves(names: list[str]) -> bool:
-        """Whether a header, split by some delimiter, has columns that are read."""
-        try:
-            found = resolve(Header(names, entry.name), options)
-        except UsageError:
-            return False
-        adjusted = any(f"{p}_adj" in found.rules for p in options.quantities)
-        return adjusted or found.form == "summary"
-
-    delimiter = options.sessions.delimiter
-    return text_grid(text, file=entry.name, delimiter=delimiter, resolves=resolves)
+    return text_grid(text, entry.name, options.sessions.delimiter)

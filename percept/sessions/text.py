@@ -2,9 +2,8 @@
 
 A dialect is a delimiter and a way of quoting. Those that a text may have are tried on its first
 records. One fits if the first line that is not blank has several cells, and all records below have
-as many as the first of them; it may have one more cell than the header where that is empty. Of
-several that fit, those are taken whose header has columns that are read. Nothing is guessed: if
-none or several are left, that is an error.
+as many as the first of them; it may have one more cell than the header where that is empty.
+Nothing is guessed: if none or several fit, that is an error.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import csv
 import re
 from bisect import bisect
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import chain, islice
 from typing import Literal
 
@@ -117,9 +116,7 @@ class Grid:
         return UsageError(message, file=self.file, row=line, value=value, hint=hint)
 
 
-def text_grid(
-    text: str, *, file: str, delimiter: str | None, resolves: Callable[[list[str]], bool]
-) -> Grid:
+def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
     """Find the dialect of a text, and split it.
 
     Parameters
@@ -130,8 +127,6 @@ def text_grid(
         Its name for messages.
     delimiter : str or None
         The one declared; None finds it.
-    resolves : callable
-        Whether a header has columns that are read; it decides between delimiters that fit.
 
     Returns
     -------
@@ -168,8 +163,6 @@ def text_grid(
                 # The delimiter meant splits the header most, and the quoting meant gets farthest.
                 named = isinstance(misfit, LayoutError)
                 misfits.append((named, header.count(sign), misfit.row or 0, misfit))
-    if len(fits) > 1:
-        fits = [grid for grid in fits if resolves(grid.header)] or fits
     if len(fits) == 1:
         return fits[0]
     if fits:
