@@ -269,8 +269,8 @@ def _bands(results: Results) -> list[Section]:
         return []
     names = distinct(results.band.rows, "parameter")
     parts = [_band(results, results.band, name) for name in names]
-    trend = Section("kappa", "", tables=[_trend(results.band)])
-    return [*parts, trend]
+    last = parts[-1]
+    return [*parts[:-1], dataclasses.replace(last, tables=[*last.tables, _trend(results.band)])]
 
 
 def _trend(band: Band) -> Table:
@@ -313,7 +313,7 @@ def _band(results: Results, band: Band, parameter: str | None) -> Section:
         lines.append(line)
     heads = [capitalised(words.environment), f"{symbol}{in_unit}"]
     for method in methods:
-        heads += [f"band{in_unit}, {METHOD_NAMES[method]}", f"relative, {METHOD_NAMES[method]}"]
+        heads += [f"{METHOD_NAMES[method]}{in_unit}", f"relative, {METHOD_NAMES[method]}"]
     what = "|Z_e|" if quantity is None else quantity.words
     at = f" at {band.omega:g} rad/s, without the device" if parameter is None else ""
     caption = f"Width of the next {words.user}’s interval of {what}{at}."

@@ -136,7 +136,7 @@ def _by_environment(
         line: list[Cell] = [(name,)]
         for pair in pairs:
             row = first(matching(rows, environment=name, **dict(zip(across, pair, strict=True))))
-            line.append(of(shown, 2)(row))
+            line.append(of(shown, 3)(row))
         lines.append(line)
     return Table(caption, [capitalised(environment), *map(", ".join, pairs)], lines)
 

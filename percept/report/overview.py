@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from percept.errors import capitalised
 from percept.inference.record import percent
@@ -236,7 +237,8 @@ def _environments(
     for coupled in distinct(results.rendering or results.verdicts, "coupled"):
         columns[capitalised(RENDERED[coupled])] = _display(results, coupled=coupled)
     for parameter in parameters:
-        columns[heads[parameter]] = _column(matching(rows, parameter=parameter), _bias)
+        cell = partial(_bias, is_matched=quantities[parameter].is_matched)
+        columns[heads[parameter]] = _column(matching(rows, parameter=parameter), cell)
     return table_of(_caption(results, rows[0]), names, columns, name=name)
 
 
@@ -256,9 +258,9 @@ def _reference(row: OverviewRow) -> Cell:
     return value(row, "reference", style="short")
 
 
-def _bias(row: OverviewRow) -> Cell:
+def _bias(row: OverviewRow, *, is_matched: bool) -> Cell:
     """Return a bias with its interval; where nothing was matched, a mean."""
-    style = "bias" if row.relative else "difference" if row.reference else "plain"
+    style = "bias" if row.relative else "difference" if is_matched else "plain"
     digits = digits_of(row.estimate, row.user_lower, row.user_upper)
     estimate = value(row, "bias", digits=digits, style=style)
     lower = value(row, "bias_lower", digits=digits, style=style)

@@ -223,11 +223,11 @@ def stability_drawings(width: ZWidth | None, coupling: Coupling | None) -> list[
         if in_time is not None:
             draw_zwidth(axes[0], in_time)
             axes[0].set_title("in time")
-            axes[0].legend(loc="upper left")
         if by_paper is not None:
             lines = {"this coupling": (by_paper.admittance, by_paper.eq10_omega)}
             draw_stability(axes[-1], by_paper.omega, by_paper.bound, lines)
             axes[-1].set_title("by Eq. 10 of the paper")
+        legend(axes, ncols=2)
 
     said = []
     if in_time is not None:

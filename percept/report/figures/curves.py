@@ -199,7 +199,6 @@ def draw_stability(
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("ω (rad/s)")
     ax.set_ylabel("admittance, real part (m/(N·s))")
-    ax.legend(frameon=False, loc="upper left")
 
 
 def _positive(values: ArrayLike) -> FloatArray:
