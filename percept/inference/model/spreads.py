@@ -261,11 +261,18 @@ class SpreadMap:
         weight = self._weight / precision  # q
         scaled_u = u / np.sqrt(precision)
         factor = lower_factor(with_prior(self._squares(weight)))  # L
-        root = self._root(precision, factor, variance)  # F
-        g_u = solve_lower(factor, self._loadings @ scaled_u)  # G'u
+        right = np.empty((len(factor), len(factor) + 2, len(omega)))
+        right[:, :-2] = self._squares(1.0 / precision)
+        right[:, -2] = self._loadings @ scaled_u
+        right[:, -1] = self._loadings @ (weight * rough_departure)
+        for_columns = factor[:, :, None]
+        whitened = solve_lower(for_columns, right)
+        g_u = whitened[:, -2]  # G'u
+        b = solve_lower(for_columns, whitened[:, :-2].swapaxes(0, 1))
+        # What B adds is positive: rounding may not leave a pivot below omega².
+        root = lower_factor(_plus_diagonal(b, variance), least=variance)  # F
         y = solve_lower(_plus_diagonal(root, omega), g_u)
-        pull = self._loadings @ (weight * rough_departure)
-        whitened_mean = solve_lower(factor, pull)
+        whitened_mean = whitened[:, -1]
         h = solve_upper(factor, y + whitened_mean)
         about_columns = self._loadings.T @ h  # U h
         unexplained = rough_departure - about_columns
@@ -299,13 +306,6 @@ class SpreadMap:
         """U' diag(x) U, (K, K, W), for weights x (C, W)."""
         size = len(self._loadings)
         return (self._products @ weight).reshape(size, size, -1)
-
-    def _root(self, precision: Array, factor: Array, variance: Array) -> Array:
-        """F, from precisions s (C, W), the factor L and omega²."""
-        half = solve_lower(factor[:, :, None], self._squares(1.0 / precision))
-        b = solve_lower(factor[:, :, None], half.swapaxes(0, 1))
-        # What B adds is positive: rounding may not leave a pivot below omega².
-        return lower_factor(_plus_diagonal(b, variance), least=variance)
 
 
 def _plus_diagonal(matrices: Array, value: Array) -> Array:
