@@ -25,7 +25,7 @@ from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array
 from percept.study.device import Setup
 from percept.study.device_boundaries import DeviceCurves
-from percept.study.regions import Law, Region
+from percept.study.regions import Law, Region, claim_fields
 
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
@@ -302,13 +302,9 @@ def _boundary(
 ) -> Boundary:
     """Put limits together with what they were drawn for."""
     return Boundary(
-        environment=source.environment,
-        kind=source.kind,
-        method=source.method,
-        family=source.family,
+        **claim_fields(source),
         joint=joint,
         shape=shape,
-        level=source.level,
         omega=frame.omega,
         lower=limits.lower,
         upper=limits.upper,

@@ -9,7 +9,7 @@ on it and confirmed by `percept.boundary.feels_real`, which also searches betwee
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -19,13 +19,12 @@ from percept.boundary.feels_real import Evidence, feels_real, share_error
 from percept.boundary.shares import Users
 from percept.haptics import Coupling, Environment, TabulatedDevice
 from percept.haptics.rendering import can_render
-from percept.inference.record import Method
 from percept.results import AdmissibleCouplings, ConfirmedCoupling, EnvironmentCouplings, Skipped
 from percept.scene import Scene
 from percept.study.basics import Array
 from percept.study.device import Setup, map_frequencies, stiffness_span
 from percept.study.stable_couplings import StableCouplings
-from percept.study.verdicts import frequencies, relative_sd
+from percept.study.verdicts import MapUsers, frequencies, relative_sd
 
 #: Draws of the users behind a map of couplings: 0.95 is known to 0.014 by them.
 _MAP_DRAWS = 256
@@ -59,10 +58,10 @@ _TRIALS = 5
 End = Literal["stiffest", "softest"]
 
 
-def no_coupling_map(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
+def no_coupling_map(setup: Setup, whose: MapUsers) -> Skipped | None:
     """Say why there is no map of couplings; None where there is one."""
     what = "admissible couplings"
-    if not users:
+    if not whose.draws:
         return Skipped(what, "they need a joint law of stiffness and damping")
     if isinstance(setup.loop.device, TabulatedDevice):
         # Of nothing to render only the table can leave something open.
@@ -73,45 +72,26 @@ def no_coupling_map(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
     if velocity_filter is not None and velocity_filter.order > 1:
         why = "from order 2 of the velocity filter on stiffness has a lower limit too"
         return Skipped(what, why)
-    if not StableCouplings.of(setup, list(users)).largest_damping():
+    if not StableCouplings.of(setup, list(whose.draws)).largest_damping():
         return Skipped(what, "no coupling is stable in time with this device")
     return None
 
 
-def coupling_map(
-    setup: Setup,
-    users: Mapping[str, Users],
-    method: Method,
-    scene: Scene,
-) -> AdmissibleCouplings | None:
+def coupling_map(setup: Setup, whose: MapUsers, scene: Scene) -> AdmissibleCouplings | None:
     """Map the probability that stable couplings feel real, per environment and for all together.
 
-    Parameters
-    ----------
-    setup : Setup
-        Device and references.
-    users : mapping of str to Users
-        Draws of the population, in random order, by environment.
-    method : {"bayesian", "classical"}
-        Whose draws these are.
-    scene : Scene
-        With the central share, the decision and the frequencies that couplings are judged over.
-
-    Returns
-    -------
-    AdmissibleCouplings or None
-        None where `no_maps` says why. "All together" has the smallest probability.
+    None where `no_coupling_map` says why. "All together" has the smallest probability.
     """
-    if no_coupling_map(setup, users) is not None:
+    if no_coupling_map(setup, whose) is not None:
         return None
     judges = []
-    for environment, population in users.items():
+    for environment, population in whose.draws.items():
         judges.append(_Environment.of(setup, environment, population, scene))
     maps = [_map_of(judge.name, [judge]) for judge in judges]
     if len(judges) > 1:
         maps.append(_map_of(None, judges))
     return AdmissibleCouplings(
-        method=method,
+        method=whose.method,
         family=scene.inference.family,
         central=scene.verdict.central,
         decision=scene.inference.decision,

@@ -14,7 +14,6 @@ from percept import haptics
 from percept.boundary.shares import Users
 from percept.errors import RefusalError
 from percept.haptics.records import AnyDevice
-from percept.inference.record import Method
 from percept.results import (
     AdmissibleCouplings,
     Band,
@@ -44,6 +43,7 @@ from percept.study.other_devices import no_other_devices, other_devices
 from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
 from percept.study.rendering import study_rendering, study_zwidth
 from percept.study.verdicts import (
+    MapUsers,
     Subjects,
     leaning_on_slips,
     likely_users,
@@ -222,16 +222,11 @@ class Displayed(Inferred):
         return subjects_of(self.data, self.pairs)
 
     @cached_property
-    def map_users(self) -> dict[str, Users]:
+    def map_users(self) -> MapUsers:
         """Draws of users behind maps: posterior ones, else fiducial ones of subjects."""
         if self.users or self.setup is None or self.data.asked.method == "bayesian":
-            return self.users
-        return likely_users(self.subjects, self.setup, self.data.asked)
-
-    @property
-    def map_method(self) -> Method:
-        """Whose draws the maps are made from."""
-        return "bayesian" if self.users else "classical"
+            return MapUsers(self.users, "bayesian")
+        return MapUsers(likely_users(self.subjects, self.setup, self.data.asked), "classical")
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -270,7 +265,7 @@ class Displayed(Inferred):
         """How probably stable couplings feel real, and the ends of those that do."""
         if self.setup is None:
             return None
-        return coupling_map(self.setup, self.map_users, self.map_method, self.scene)
+        return coupling_map(self.setup, self.map_users, self.scene)
 
     @property
     def design(self) -> AdmissibleCouplings | None:
@@ -282,4 +277,4 @@ class Displayed(Inferred):
         """How verdicts move with the device's mass and damping; None without both."""
         if self.setup is None:
             return None
-        return other_devices(self.setup, self.map_users, self.map_method, self.scene)
+        return other_devices(self.setup, self.map_users, self.scene)

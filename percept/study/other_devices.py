@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 from percept.boundary.feels_real import judge, rough_probability
 from percept.boundary.shares import Users
 from percept.haptics import Device, can_render
-from percept.inference.record import Method
 from percept.results import ChangedVerdict, OtherDevices, Skipped
 from percept.scene import Scene
 from percept.study.device import Setup, map_frequencies, stiffness_span
+from percept.study.verdicts import MapUsers
 
 #: Draws of the users behind a probability: it is known to 0.02 by them, and differences better.
 _DEVICE_DRAWS = 512
@@ -20,41 +20,22 @@ _LESS = 0.5
 _MORE = 1.5
 
 
-def no_other_devices(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
+def no_other_devices(setup: Setup, whose: MapUsers) -> Skipped | None:
     """Say why mass and damping are not varied; None where they are."""
     what = "verdicts with other mass and damping of the device"
     if not isinstance(setup.loop.device, Device):
         return Skipped(what, "a measured response has neither")
-    if not users:
+    if not whose.draws:
         return Skipped(what, "they need a joint law of stiffness and damping")
     return None
 
 
-def other_devices(
-    setup: Setup,
-    users: Mapping[str, Users],
-    method: Method,
-    scene: Scene,
-) -> OtherDevices | None:
+def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices | None:
     """Judge every environment again with other mass and damping of the device.
 
-    Parameters
-    ----------
-    setup : Setup
-        Device, coupling and references.
-    users : mapping of str to Users
-        Draws of the population, in random order, by environment.
-    method : {"bayesian", "classical"}
-        Whose draws these are.
-    scene : Scene
-        With the central share, the decision and the frequencies that displays are judged over.
-
-    Returns
-    -------
-    OtherDevices or None
-        None where `no_other_devices` says why.
+    None where `no_other_devices` says why.
     """
-    if no_other_devices(setup, users) is not None:
+    if no_other_devices(setup, whose) is not None:
         return None
     setups = list(_setups(setup))
     within = scene.frequency.lower, scene.frequency.upper
@@ -62,7 +43,7 @@ def other_devices(
     central = scene.verdict.central
     decision = scene.inference.decision
     verdicts = []
-    for environment, population in users.items():
+    for environment, population in whose.draws.items():
         some = population.select(slice(0, _DEVICE_DRAWS))
         for coupled in (False, True) if setup.coupling is not None else (False,):
             probabilities = tuple(
@@ -82,8 +63,8 @@ def other_devices(
         damping=tuple(float(device.damping) for device in devices),
         coupled=setup.coupling is not None,
         verdicts=tuple(verdicts),
-        method=method,
-        draws=min(_DEVICE_DRAWS, *(population.size for population in users.values())),
+        method=whose.method,
+        draws=min(_DEVICE_DRAWS, *(population.size for population in whose.draws.values())),
     )
 
 

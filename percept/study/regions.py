@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ _FEWEST_SUBJECTS = 3
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class _Claim:
+class Claim:
     """What curves are drawn for, and whose they are."""
 
     environment: str
@@ -45,8 +45,13 @@ class _Claim:
     level: float
 
 
+def claim_fields(source: Claim | IntervalRow) -> dict[str, Any]:
+    """Return what a region, a law or an interval is drawn for."""
+    return {field.name: getattr(source, field.name) for field in dataclasses.fields(Claim)}
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Region(_Claim):
+class Region(Claim):
     """A rectangle or an ellipse of (k, b) that feels like an environment."""
 
     joint: str
@@ -55,7 +60,7 @@ class Region(_Claim):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Law(_Claim):
+class Law(Claim):
     """What a method says of the stiffness and damping of the average or the next user together."""
 
     pair: PairLaw
@@ -70,15 +75,7 @@ class Law(_Claim):
         reach = np.abs(ellipse.centre) + ellipse.radius * ellipse.sd
         if self.family == "lognormal" and reach.max() >= np.log(BEYOND):
             return None
-        return Region(
-            environment=self.environment,
-            kind=self.kind,
-            method=self.method,
-            family=self.family,
-            level=self.level,
-            joint=ellipse.joint,
-            ellipse=ellipse,
-        )
+        return Region(**claim_fields(self), joint=ellipse.joint, ellipse=ellipse)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -132,18 +129,14 @@ def rectangles(intervals: Sequence[IntervalRow]) -> Iterator[Region]:
         if row.parameter != "k" or other is None:
             continue
         yield Region(
-            environment=row.environment,
-            kind=row.kind,
-            method=row.method,
-            family=row.family,
-            level=row.level,
+            **claim_fields(row),
             joint=row.joint,
             limits=(_side(row.lower, row.upper), _side(other.lower, other.upper)),
         )
 
 
 def _paired_by(row: IntervalRow) -> tuple[object, ...]:
-    return row.environment, row.kind, row.method, row.family, row.joint, row.level
+    return (*claim_fields(row).values(), row.joint)
 
 
 def _side(lower: float, upper: float) -> _Side:

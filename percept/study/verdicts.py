@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from percept.haptics import TabulatedDevice
 from percept.haptics.perceived import Display
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
-from percept.inference.record import Family
+from percept.inference.record import Family, Method
 from percept.results import (
     CentralProbability,
     Confidences,
@@ -168,6 +168,13 @@ def _separate_draws(
     for environment in fit.environments:
         cells = [fit.column[name, environment] for name in _NAMES]
         yield environment, means[:, cells], variances[:, cells][:, :, None] * np.eye(2)
+
+
+class MapUsers(NamedTuple):
+    """Whose feelings the maps of couplings and of devices show."""
+
+    draws: Mapping[str, Users]  # Of the population, in random order, by environment
+    method: Method
 
 
 def fiducial_users(subjects: Subjects, asked: InferenceTable) -> Users | None:

@@ -61,7 +61,7 @@ def test_fit_writes_and_prints_the_checks(sessions, tmp_path, capsys):
     assert "S01 lies far from what the others predict" in printed
     document = json.loads((out / "fit.json").read_text(encoding="utf-8"))
     checks = document["checks"]
-    assert set(checks) == {"normality", "loo", "without", "statistics", "prior"}
+    assert set(checks) == {"normality", "loo", "without", "statistics"}
     assert [row["subject"] for row in checks["loo"]["subjects"] if row["outlier"]] == ["S01"]
     assert all(row["outlier"] for row in checks["loo"]["cells"])
     assert document["provenance"]["scene"]["checks"] == {}

@@ -34,7 +34,7 @@ def known(study: Study, covariance: list[list[float]]):
     return changed, scene
 
 
-@pytest.mark.parametrize("coupled", [False, True])
+@pytest.mark.parametrize("coupled", [True, pytest.param(False, marks=pytest.mark.evidence)])
 def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bool) -> None:
     """At the point device's frequencies the probability was .02 too large, and nothing decided."""
     setup, scene = known(fitted, [[0.25, 0.0], [0.0, 0.25]])

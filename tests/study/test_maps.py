@@ -23,7 +23,7 @@ def evidence(study, environment, coupling, *, draws, device=None):
     setup = dataclasses.replace(study.setup, coupling=coupling)
     if device is not None:
         setup = setup.with_device(device)
-    users = study.map_users[environment]
+    users = study.map_users.draws[environment]
     omega = frequencies(setup, environment, relative_sd(users), RANGE)
     display = setup.display(environment, coupled=coupling is not None)
     return feels_real(display, users.select(slice(0, draws)), omega, central=0.99, decision=0.95)
@@ -216,9 +216,14 @@ def test_a_device_without_damping_keeps_none_and_carries_no_coupling(sessions) -
     assert said["admissible couplings"] == "no coupling is stable in time with this device"
 
 
-def test_modes_count_and_a_measured_device_is_left_alone(sessions, tmp_path) -> None:
+@pytest.fixture(scope="module")
+def alone(sessions):
     table = sessions.table
-    alone = Sessions.from_frame(table[table["environment"] == "VE1"])
+    return Sessions.from_frame(table[table["environment"] == "VE1"])
+
+
+@pytest.mark.evidence
+def test_modes_count(alone) -> None:
     rigid = Study(alone, scene_of())
     # A mode so light and stiff that it adds its mass and nothing else below 100 rad/s.
     mode = {"mass": 1e-6, "stiffness": 1e4, "damping": 1.0}
@@ -231,6 +236,9 @@ def test_modes_count_and_a_measured_device_is_left_alone(sessions, tmp_path) -> 
     (other,) = rigid.coupling_map.environments
     np.testing.assert_allclose(mine.probability, other.probability, atol=0.05)
     np.testing.assert_allclose(mine.stiffness[:, -1], other.stiffness[:, -1], rtol=0.02)
+
+
+def test_a_measured_device_is_left_alone(alone, tmp_path) -> None:
     response = tmp_path / "zd.csv"
     omega = np.geomspace(0.05, 1000.0, 50)
     impedance = haptics.device_impedance(Loop(haptics.Device(1.0, 5.0), PERIOD), omega)

@@ -13,6 +13,7 @@ from percept.study.coupling_map import coupling_map
 from percept.study.device import Setup
 from percept.study.device_draws import device_draws
 from percept.study.stable_couplings import StableCouplings
+from percept.study.verdicts import MapUsers
 
 MODE = {"mass": 0.2, "stiffness": 8e3, "damping": 2.0}
 SD = 0.1
@@ -72,9 +73,9 @@ def test_an_admissible_coupling_is_stable_and_real_with_the_decision(fitted: Stu
     users = {"VE3": fitted.users["VE3"]}
     scene = fitted.scene.with_inference(decision=0.6)
     setup = setup_of(fitted, damping=13.0)
-    with_draws = coupling_map(setup, users, "bayesian", scene)
+    with_draws = coupling_map(setup, MapUsers(users, "bayesian"), scene)
     setup_at_point = dataclasses.replace(setup, draws=None)
-    at_point = coupling_map(setup_at_point, users, "bayesian", scene)
+    at_point = coupling_map(setup_at_point, MapUsers(users, "bayesian"), scene)
     assert with_draws is not None
     assert at_point is not None
     assert with_draws.devices == setup.draws.count

@@ -45,8 +45,15 @@ def test_both_methods_follow_the_decision(fitted: Study) -> None:
         assert row.stable_and_real == (row.probability if renders else 0.0)
 
 
-@pytest.mark.parametrize("data", ["hbfd_sessions.csv", "hbfd_table1.csv"])
-@pytest.mark.parametrize("method", ["classical", "both"])
+@pytest.mark.parametrize(
+    ("data", "method"),
+    [
+        ("hbfd_sessions.csv", "classical"),
+        ("hbfd_table1.csv", "both"),
+        pytest.param("hbfd_sessions.csv", "both", marks=pytest.mark.evidence),
+        pytest.param("hbfd_table1.csv", "classical", marks=pytest.mark.evidence),
+    ],
+)
 def test_the_level_of_intervals_decides_no_verdict(data, method) -> None:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method=method, tolerance=0.1)
     said = []

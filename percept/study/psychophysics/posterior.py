@@ -17,8 +17,7 @@ mixtures. Scales and reliabilities have quantiles of draws.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
-from typing import Self
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -60,7 +59,7 @@ def posterior_psychophysics(fit: Fit, data: Data) -> Iterator[PsychophysicsRow]:
             model=model,
             sites=[sites[cell] for cell in model.cells],
             limits=limits,
-            scales=_Scales.of(model, every_draw),
+            scales=_scales_of(model, every_draw),
             population_sd=population_sd[:, columns],
             independent=independent_draws,
             locations=locations[:, columns],
@@ -97,45 +96,29 @@ def _to_native(fit: Fit, c: int) -> Callable[[float], float]:
     return native
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Scales:
-    """Draws of the scales of one model."""
+def _scales_of(model: LinearModel, points: Array) -> dict[str, Array]:
+    """Draws of a model's scales, by name.
 
-    sigma: Array  # (S, P, J)
-    #: (S, P) None in a model without effects of subjects. Also None with one environment, where
-    #: only the sum sigma_u² + sigma² is told by the data, which is population_sd².
-    sigma_u: Array | None
-    sigma_e: Array | None  # (S, P, J) None without repeats
-    phi: Array | None  # (S, P, N) Log of a subject's trial SD over sigma_e; None if all share it
-    omega_s: Array | None  # (S, P) SD of phi between users
+    With one environment there is no sigma_u: only the sum sigma_u² + sigma² is told by the data,
+    which is population_sd².
+    """
+    scales = {name: scale for name, (_, scale) in model.scales(points).items()}
+    if len(model.statistics.environments) == 1:
+        scales.pop("sigma_u", None)
+    return scales
 
-    @property
-    def trial_variance(self) -> Array:
-        """Variance between trials averaged over users, (S, P, J); zero without repeats.
 
-        phi is normal, so a user's variance is on average exp(2 omega_s²) times sigma_e².
-        """
-        if self.sigma_e is None:
-            return np.zeros_like(self.sigma)
-        of_typical_user = np.square(self.sigma_e)
-        if self.omega_s is None:
-            return of_typical_user
-        return of_typical_user * np.exp(2.0 * self.omega_s**2)[:, :, None]
+def _trial_variance(scales: Mapping[str, Array]) -> Array:
+    """Variance between trials averaged over users, (S, P, J); zero without repeats.
 
-    @classmethod
-    def of(cls, model: LinearModel, points: Array) -> Self:
-        """Read the scales at coordinates (S, d)."""
-        values = {}
-        for name, (_, scale) in model.scales(points).items():
-            values[name] = scale
-        several = len(model.statistics.environments) > 1
-        return cls(
-            sigma=values["sigma"],
-            sigma_u=values.get("sigma_u") if several else None,
-            sigma_e=values.get("sigma_e"),
-            phi=values.get("phi"),
-            omega_s=values.get("omega_s"),
-        )
+    phi is normal, so a user's variance is on average exp(2 omega_s²) times sigma_e².
+    """
+    if "sigma_e" not in scales:
+        return np.zeros_like(scales["sigma"])
+    of_typical_user = np.square(scales["sigma_e"])
+    if "omega_s" not in scales:
+        return of_typical_user
+    return of_typical_user * np.exp(2.0 * scales["omega_s"] ** 2)[:, :, None]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -145,7 +128,9 @@ class _Posterior:
     model: LinearModel
     sites: list[Site]  # P J, of the cells
     limits: DrawLimits
-    scales: _Scales  # S draws
+    #: S draws: sigma (S, P, J), sigma_u (S, P), of repeats sigma_e (S, P, J). If trial SDs are
+    #: subjects' own: phi (S, P, N), the log of theirs over sigma_e, and its SD omega_s (S, P).
+    scales: Mapping[str, Array]
     population_sd: Array  # (S, P J)
     independent: Array  # (R, d) Coordinates of the independent draws
     locations: Array  # (R, P J) Drawn
@@ -172,15 +157,15 @@ class _Posterior:
 
         ICC(1) is population_sd²/(population_sd² + the average variance between trials).
         """
-        if self.scales.sigma_u is not None:
-            sigma = self.scales.sigma.reshape(self.population_sd.shape)
+        if "sigma_u" in self.scales:
+            sigma = self.scales["sigma"].reshape(self.population_sd.shape)
             for c, site in enumerate(self.sites):
                 yield site.sigma("sigma_w", self.limits.of(sigma[:, c]))
-        if self.scales.sigma_e is None:
+        if "sigma_e" not in self.scales:
             return
-        sigma_e = self.scales.sigma_e.reshape(self.population_sd.shape)
+        sigma_e = self.scales["sigma_e"].reshape(self.population_sd.shape)
         of_users = self.population_sd**2
-        of_trials = self.scales.trial_variance.reshape(self.population_sd.shape)
+        of_trials = _trial_variance(self.scales).reshape(self.population_sd.shape)
         icc = of_users / (of_users + of_trials)
         for c, site in enumerate(self.sites):
             yield from site.of_trials(self.limits.of(sigma_e[:, c]))
@@ -188,11 +173,11 @@ class _Posterior:
 
     def _subject_rows(self) -> Iterator[PsychophysicsRow]:
         """Yield each subject's own trial SD: the geometric mean over the cells of its groups."""
-        if self.scales.sigma_e is None or self.scales.phi is None:
+        if "sigma_e" not in self.scales or "phi" not in self.scales:
             return
         own = cells_of_subjects(self.model).T
-        mean_log_sd = np.log(self.scales.sigma_e) @ (own / own.sum(axis=0))
-        trial_sd = np.exp(mean_log_sd + self.scales.phi)  # (S, P, N)
+        mean_log_sd = np.log(self.scales["sigma_e"]) @ (own / own.sum(axis=0))
+        trial_sd = np.exp(mean_log_sd + self.scales["phi"])  # (S, P, N)
         for p, site in enumerate(self._overall_sites):
             for i, subject in enumerate(self.model.statistics.subjects):
                 of_subject = site.of_subject(subject)
@@ -223,23 +208,23 @@ class _Posterior:
         ICC(C,1) is sigma_u²/total. In ICC(A,1) the total has the variance of the environments'
         locations too.
         """
-        scales = _Scales.of(self.model, self.independent)
-        if scales.sigma_u is None:
+        scales = _scales_of(self.model, self.independent)
+        if "sigma_u" not in scales:
             return
-        # There are several environments, or sigma_u would be None: the variance over them exists.
-        by_environment = self.locations.reshape(scales.sigma.shape)
+        # There are several environments, or there were no sigma_u: the variance over them exists.
+        by_environment = self.locations.reshape(scales["sigma"].shape)
         of_environments = by_environment.var(axis=2, ddof=1)
-        of_subjects = scales.sigma_u**2
-        within = np.square(scales.sigma).mean(axis=2)
-        of_trials = scales.trial_variance.mean(axis=2)
+        of_subjects = scales["sigma_u"] ** 2
+        within = np.square(scales["sigma"]).mean(axis=2)
+        of_trials = _trial_variance(scales).mean(axis=2)
         total = of_subjects + within + of_trials / _mean_trials(self.model)
         consistency = of_subjects / total
         agreement = of_subjects / (total + of_environments)
         for p, site in enumerate(self._overall_sites):
-            yield site.sigma("sigma_u", self.limits.of(scales.sigma_u[:, p]))
+            yield site.sigma("sigma_u", self.limits.of(scales["sigma_u"][:, p]))
             yield site.sigma("sigma_w", self.limits.of(np.sqrt(within[:, p])))
-            if scales.sigma_e is not None:
-                of_typical_user = np.square(scales.sigma_e[:, p]).mean(axis=1)
+            if "sigma_e" in scales:
+                of_typical_user = np.square(scales["sigma_e"][:, p]).mean(axis=1)
                 yield site.sigma("sigma_e", self.limits.of(np.sqrt(of_typical_user)))
             # With factors and slopes subjects also differ in effects that both ratios leave out.
             if self.alike:
