@@ -27,24 +27,36 @@ from numpy.typing import ArrayLike
 
 from percept.haptics.aliases import Aliases, alias_features, aliases
 from percept.haptics.arrays import FloatArray, IntArray, Scalars, ratio, stored
-from percept.haptics.forces import Force, Joined, force_of
 from percept.haptics.frequencies import search_grid
-from percept.haptics.loop import Loop, Warp
-from percept.haptics.records import Coupling, Device, Environment, TabulatedDevice, refuse_arrays
+from percept.haptics.impedance import filter_response
+from percept.haptics.loop import Loop, VelocityFilter, Warp
+from percept.haptics.records import (
+    Coupling,
+    Device,
+    Environment,
+    Mode,
+    TabulatedDevice,
+    refuse_arrays,
+)
 from percept.html import NotebookRecord
 from percept.minima import lowest
 
 __all__ = [
+    "Force",
+    "Joined",
     "NeededDamping",
     "RenderedRegion",
     "Rendering",
     "can_render",
+    "force_of",
     "needed_damping",
     "rendered_region",
     "rendering_load",
     "rendering_margins",
 ]
 
+# Couplings whose resonances with an environment's mass are looked for.
+_RESONANCES = 16
 # Of 1 N·s/m: what it lacks is the damping needed.
 _UNIT = Device(0.0, 1.0)
 _NO_DEVICE = Device(0.0, 0.0)
@@ -56,6 +68,114 @@ _EDGE_POINTS = 129
 _FIRST = 1e-3
 # Half a turn of H_c + H_e is a pole outside the circle; without a spring a quarter turn is none.
 _TURNED = 0.75 * np.pi
+
+
+class Force(NamedTuple):
+    """H at each ω, N/m: real + j·sin h·slope, so that nothing cancels next to DC."""
+
+    real: FloatArray
+    slope: FloatArray
+
+
+def _element(
+    grid: Warp, k: Scalars, b: Scalars, m: Scalars, velocity_filter: VelocityFilter | None
+) -> Force:
+    """Return k + b·F·δ + m·δ²."""
+    response = np.ones(grid.half.shape, dtype=np.complex128)
+    if velocity_filter is not None:
+        response = filter_response(grid, velocity_filter)
+    rate = 2 / grid.period
+    damper = rate * grid.sin * (grid.sin * response.real - grid.cos * response.imag)
+    damper_slope = rate * (grid.sin * response.imag + grid.cos * response.real)
+    inertia = (rate * grid.sin) ** 2
+    mass = inertia * (grid.sin - grid.cos) * (grid.sin + grid.cos)
+    mass_slope = 2 * rate**2 * grid.sin**2 * grid.cos
+    real = k + np.multiply(b, damper) + np.multiply(m, mass)
+    return Force(real, np.multiply(b, damper_slope) + np.multiply(m, mass_slope))
+
+
+def _in_series(grid: Warp, first: Force, second: Force) -> Force:
+    """Return H₁H₂/(H₁ + H₂) as a₂²·H₁ + a₁²·H₂, aᵢ = abs(Hᵢ)/abs(H₁ + H₂)."""
+    total = np.hypot(first.real + second.real, grid.sin * (first.slope + second.slope))
+    first_size = np.hypot(first.real, grid.sin * first.slope)
+    second_size = np.hypot(second.real, grid.sin * second.slope)
+    of_first = ratio(second_size, total, empty=0.0) ** 2
+    of_second = ratio(first_size, total, empty=0.0) ** 2
+    return Force(
+        real=of_first * first.real + of_second * second.real,
+        slope=of_first * first.slope + of_second * second.slope,
+    )
+
+
+def force_of(grid: Warp, environment: Environment | None, coupling: Coupling | None) -> Force:
+    """Return H of an environment, of a coupling with a rigid wall behind it, or of both.
+
+    The loop filters the velocity of what joins the device.
+    """
+    velocity_filter = grid.loop.velocity_filter
+    own_filter = velocity_filter if coupling is None else None
+    shown = None
+    if environment is not None:
+        k, b, m = environment.stiffness, environment.damping, environment.mass
+        shown = _element(grid, k, b, m, own_filter)
+    if coupling is None:
+        assert shown is not None
+        return shown
+    joined = _element(grid, coupling.stiffness, coupling.damping, 0.0, velocity_filter)
+    return joined if shown is None else _in_series(grid, joined, shown)
+
+
+@dataclass(frozen=True)
+class Joined:
+    """What joins a device: n environments, n couplings, or n of both; parameters of shape (n,)."""
+
+    environment: Environment | None
+    coupling: Coupling | None
+    shape: tuple[int, ...]  # That n stands for
+
+    @classmethod
+    def of(cls, environment: Environment | None, coupling: Coupling | None) -> Joined:
+        """Broadcast all parameters and take them flat."""
+        given: list[Scalars] = []
+        for record in (environment, coupling):
+            if record is not None:
+                given += record.parameters().values()
+        shape = np.broadcast_shapes(*(np.shape(value) for value in given))
+
+        def flat(record: Environment | Coupling) -> dict[str, FloatArray]:
+            parameters = record.parameters().items()
+            return {name: np.broadcast_to(value, shape).ravel() for name, value in parameters}
+
+        return cls(
+            environment and replace(environment, **flat(environment)),
+            coupling and replace(coupling, **flat(coupling)),
+            shape,
+        )
+
+    @property
+    def size(self) -> int:
+        """Number n."""
+        return int(np.prod(self.shape))
+
+    def select(self, which: IntArray) -> Joined:
+        """Return some of them."""
+        environment = self.environment and self.environment.select(which)
+        coupling = self.coupling and self.coupling.select(which)
+        return Joined(environment, coupling, which.shape)
+
+    def resonances(self) -> tuple[Mode, ...]:
+        """Return modes that resonate where H does: an environment's mass on all springs."""
+        if self.environment is None or not np.any(self.environment.mass):
+            return ()
+        stiffness = np.asarray(self.environment.stiffness)
+        damping = np.asarray(self.environment.damping)
+        if self.coupling is not None:
+            stiffness = stiffness + self.coupling.stiffness
+            damping = damping + self.coupling.damping
+        order = np.argsort(stiffness)
+        some = order[np.linspace(0, order.size - 1, min(_RESONANCES, order.size)).astype(int)]
+        masses = np.asarray(self.environment.mass)
+        return tuple(Mode(masses[one], stiffness[one], damping[one]) for one in some)
 
 
 @dataclass(frozen=True)

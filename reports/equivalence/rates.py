@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from percept.inference.classical.equivalence import tost
+from percept.inference.classical.contrasts import tost
 from percept.inference.classical.fiducial import tost_power
 from percept.inference.classical.moments import Moments
 from reports.page import Page

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import special
 
-from percept.inference.classical.equivalence import tost
+from percept.inference.classical.contrasts import tost
 from percept.inference.record import FloatOrArray, Method
 from percept.results import EquivalenceRow, Skipped
 from percept.results.psychophysics import Equivalence

@@ -9,7 +9,7 @@ import pytest
 from scipy import integrate, special, stats
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.classical.equivalence import tost
+from percept.inference.classical.contrasts import tost
 from percept.inference.classical.fiducial import tost_power
 from percept.inference.classical.moments import Moments
 from reports.equivalence.rates import SIZE, rates
