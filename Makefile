@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 JOBS ?= 2
 
 .DEFAULT_GOAL := install
-.PHONY: help install report reproduce test evidence test-matrix test-page lint bench calibrate coverage reports docs clean
+.PHONY: help install report reproduce test evidence test-matrix test-page lint bench calibrate coverage reports notebooks docs clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -97,6 +97,10 @@ calibrate: $(STAMP)  ## simulation-based calibration, 300 fits of each design (h
 	@for part in sbc factors; do \
 	    $(BIN)/python -m reports $$part --workers $(JOBS) --out reports/calibration || exit 1; \
 	done
+
+notebooks: $(STAMP)  ## run the notebooks of docs and keep what they show
+	@$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@$(BIN)/jupyter execute --inplace docs/notebooks/*.ipynb
 
 docs: $(STAMP)  ## the documentation as a site in build/docs
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'

@@ -127,7 +127,7 @@ def test_the_tutorial_decides_what_its_page_says(tmp_path):
     study = Study(
         read_sessions(ROOT / "docs/tutorial/matching.csv", scene=scene), scene, store=store
     )
-    outcomes = {row.environment: row.outcome for row in study.verdicts if row.coupled}
+    outcomes = {row.environment: row.outcome for row in study.verdict_rows if row.coupled}
     decided = re.search(r"do not render (\w+) and (\w+) with this coupling; test (\w+)", text)
     assert decided is not None
     assert outcomes == {

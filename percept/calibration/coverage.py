@@ -155,7 +155,7 @@ def decided_shares(
     for index in range(studies):
         seed = study.scene.inference.seed
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-        for found in _with_more(study, more, rng).verdicts:
+        for found in _with_more(study, more, rng).verdict_rows:
             if (found.environment, found.coupled) != (verdict.environment, verdict.coupled):
                 continue
             for column, evidence in enumerate((found.classical, found.bayesian)):

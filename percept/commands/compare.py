@@ -142,7 +142,7 @@ def _differences(
     tell_error(a, second.study)
     if arguments.json:
         studies = {"a": first.name, "b": second.name}
-        verdicts = {"a": a.verdicts, "b": second.study.verdicts}
+        verdicts = {"a": a.verdict_rows, "b": second.study.verdict_rows}
         stated = {"studies": studies, **_stated(a), "verdicts": verdicts}
         print_json({**stated, **vars(comparison)})
         return
@@ -229,7 +229,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     if arguments.json:
         results: dict[str, object] = {
             "comparison": table,
-            "verdicts": study.verdicts,
+            "verdicts": study.verdict_rows,
             "ladder": ladder,
             "band_pairs": study.band_pairs,
         }
@@ -286,7 +286,7 @@ def _feelings(study: Study) -> list[str]:
 
     scene = study.scene
     words = Words(*scene.environment_noun, *scene.study.subject, *scene.user_noun)
-    return feeling_sentences(study.verdicts, study.rendering, words)
+    return feeling_sentences(study.verdict_rows, study.rendering, words)
 
 
 def _stated(study: Study) -> dict[str, str | float]:

@@ -165,7 +165,7 @@ def _decide(arguments: argparse.Namespace) -> None:
         raise UsageError("kind verdicts needs the sessions of a study.")
     with Working("judging", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        verdicts = study.verdicts
+        verdicts = study.verdict_rows
         checked = _checked(study, arguments.studies, progress)
         progress.stop()
     if not verdicts:
@@ -197,7 +197,7 @@ def _checked(study: Study, studies: int | None, progress: Working) -> DecidedSha
         return None
     if studies < 2:
         raise UsageError("a standard error needs at least two studies.", key="--studies")
-    for verdict in study.verdicts:
+    for verdict in study.verdict_rows:
         if verdict.more is not None and verdict.more.subjects is not None:
 
             def told(done: int, total: int) -> None:

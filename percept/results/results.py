@@ -115,7 +115,8 @@ class Results:
     )  # Drawn in those windows
     #: Empty without a device
     verdicts: tuple[Verdict, ...] = field(
-        metadata=_part("judging what feels real", needs="curves", beside=True), default=()
+        metadata=_part("judging what feels real", of="verdict_rows", needs="curves", beside=True),
+        default=(),
     )
     #: In time; None without curves
     rendering: tuple[Rendered, ...] | None = field(metadata=_part(needs="curves"), default=None)
@@ -139,7 +140,7 @@ class Results:
     ladder: Ladder | None = field(metadata=_part(needs="why"), default=None)
     diagnostics: Diagnostics | None = field(metadata=_part())
     checks: Checks | None = field(metadata=_part("checking the model", of="all_checks"))
-    skipped: tuple[Skipped, ...] = field(metadata=_part())
+    skipped: tuple[Skipped, ...] = field(metadata=_part(of="skipped_rows"))
     #: Tests of the terms of `contrast`; empty without factors
     anova: tuple[AnovaRow, ...] = field(metadata=_part(), default=())
     levels: tuple[LevelValues, ...] = field(

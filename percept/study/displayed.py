@@ -50,6 +50,7 @@ from percept.study.verdicts import (
     posterior_users,
     study_verdicts,
     subjects_of,
+    verdict_table,
 )
 
 #: Frequencies of a close view; its window is narrow, and its curves are smooth.
@@ -229,7 +230,7 @@ class Displayed(Inferred):
         return MapUsers(likely_users(self.subjects, self.setup, self.data.asked), "classical")
 
     @cached_property
-    def verdicts(self) -> tuple[Verdict, ...]:
+    def verdict_rows(self) -> tuple[Verdict, ...]:
         """Whether each environment feels real, directly and coupled; empty without a device."""
         if self.setup is None:
             return ()
@@ -239,6 +240,11 @@ class Displayed(Inferred):
             return tuple(judged)
         return tuple(leaning_on_slips(judged, self.sessions, self._without_slips))
 
+    @property
+    def verdicts(self) -> pd.DataFrame:
+        """What can be rendered and feels real: a row per environment, display and method."""
+        return verdict_table(self.verdict_rows, self.rendering)
+
     @cached_property
     def _without_slips(self) -> tuple[Verdict, ...]:
         """Verdicts without the rows that look mistyped; empty where the rest carries none."""
@@ -246,7 +252,7 @@ class Displayed(Inferred):
         kept = self.sessions.table.drop(index=list(doubted))
         sessions = dataclasses.replace(self.sessions, table=kept)
         try:
-            return Displayed(Data(sessions, self.scene), self.progress, self.store).verdicts
+            return Displayed(Data(sessions, self.scene), self.progress, self.store).verdict_rows
         except RefusalError:
             return ()
 

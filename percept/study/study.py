@@ -118,7 +118,12 @@ class Study(Displayed):
         return Study(sessions, scene or self.scene, progress=self.progress, store=self.store)
 
     @property
-    def skipped(self) -> tuple[Skipped, ...]:
+    def skipped(self) -> pd.DataFrame:
+        """What was not computed, and why: a row each."""
+        return pd.DataFrame(self.skipped_rows, columns=["what", "why"])
+
+    @property
+    def skipped_rows(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
         curves = self._drawing.skipped if self._drawing is not None else []
         return (*self.skipped_before_curves, *curves)

@@ -13,6 +13,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from percept.boundary import confidence as classical
 from percept.boundary.confidence import Confidence, confidence, limits_confidence
@@ -30,6 +31,7 @@ from percept.results import (
     Leaning,
     Note,
     PosteriorEvidence,
+    Rendered,
     Verdict,
 )
 from percept.scene import InferenceTable, Scene
@@ -40,6 +42,11 @@ from percept.study.deciding import more_subjects
 from percept.study.device import Setup
 from percept.study.device_draws import margins_of_draws
 from percept.study.regions import SubjectPairs
+
+#: Columns of `verdict_table`.
+_VERDICT_COLUMNS = (
+    "environment", "coupled", "method", "rendered", "outcome", "probability", "more",
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -401,3 +408,39 @@ def _confidences(found: Confidence, family: Family, decision: float) -> Confiden
         together=found.together,
         together_error=found.together_error,
     )
+
+
+def verdict_table(verdicts: Sequence[Verdict], rendering: Sequence[Rendered]) -> pd.DataFrame:
+    """Lay verdicts out: a row per environment, display and method.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+        By both methods.
+    rendering : sequence of Rendered
+        Of the same displays.
+
+    Returns
+    -------
+    DataFrame
+        `rendered` is "can", "cannot" or "undecided", of every passive hand. `outcome` says whether
+        the display feels real, if it can be rendered. `probability` is that of lying among the
+        central share of users, or the classical method's least confidence in it. `more` is the
+        number of further subjects that would decide.
+    """
+    rendered = {(row.environment, row.coupled): row.verdict for row in rendering}
+    rows = []
+    for verdict in verdicts:
+        more = None if verdict.more is None else verdict.more.subjects
+        found: list[tuple[str, str, float]] = []
+        if verdict.classical is not None:
+            found.append(("classical", verdict.classical.outcome, verdict.classical.least))
+        if verdict.bayesian is not None:
+            found.append(("bayesian", verdict.bayesian.outcome, verdict.bayesian.probability))
+        can = rendered[verdict.environment, verdict.coupled]
+        for method, outcome, probability in found:
+            outcome = "cannot be rendered" if can == "cannot" else outcome
+            display = (verdict.environment, verdict.coupled)
+            rows.append((*display, method, can, outcome, probability, more))
+    table = pd.DataFrame(rows, columns=_VERDICT_COLUMNS)
+    return table.astype({"coupled": bool, "probability": float, "more": "Int64"})

@@ -171,7 +171,7 @@ def bayesian_study(n: int, index: int) -> Line:
         return {"verdicts": []}
     covariances = values.cov_u + values.cov_w
     lines = []
-    for verdict in study.verdicts:
+    for verdict in study.verdict_rows:
         j = design.environments.index(verdict.environment)
         mean = np.log(REFERENCES[j]) + values.beta[j]
         inside = truly_inside(j, Users.of(mean[None], covariances[j][None], log=True))

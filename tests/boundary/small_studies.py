@@ -59,7 +59,7 @@ def curves_of(subjects: tuple[str, ...], environments: int = len(_PLACES)) -> St
         limits = np.concatenate([boundary.lower, boundary.upper])
         assert np.isfinite(limits).all(), boundary
         assert boundary.error is None or boundary.error <= 10.0 * _TOLERANCE
-    refused = [part.what for part in study.skipped if " curves of " in part.what]
+    refused = [part.what for part in study.skipped_rows if " curves of " in part.what]
     shapes = [b for b in boundaries if b.shape in ("pointwise", "simultaneous")]
     # Every curve of a law is either drawn or said to be missing.
     assert len(shapes) + len(refused) >= 2 * len(study.curve_laws)

@@ -87,7 +87,7 @@ def test_incomplete_subjects_are_named_with_what_to_do():
     assert why.startswith("S2 has no trial in VE3 (right), and the analysis needs complete cells.")
     rule = '{ column = "subject", equals = "S2", why = "incomplete" }'
     assert f"To leave S2 out: [sessions] exclude = [{rule}]." in why
-    assert any(part.what == "analysis of variance of stiffness" for part in made.skipped)
+    assert any(part.what == "analysis of variance of stiffness" for part in made.skipped_rows)
     gone |= (table["subject"] == "S5") & (table["hand"] == "left")
     (why,) = skipped_of(study(table[~gone]))
     assert "Cells are missing for 2 subjects in all." in why

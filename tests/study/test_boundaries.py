@@ -33,7 +33,7 @@ def test_every_kind_method_and_joint_treatment_has_its_boundaries(fitted: Study)
         kind == "share" and joint in ("hotelling", "joint") for _, kind, joint, _ in found
     )
     assert {shape for *_, shape in found} == {"corner", "envelope", "pointwise", "simultaneous"}
-    assert "simultaneous bands through draws" not in {part.what for part in fitted.skipped}
+    assert "simultaneous bands through draws" not in {part.what for part in fitted.skipped_rows}
 
 
 def test_posterior_curves_have_a_monte_carlo_error_and_no_others(fitted: Study) -> None:

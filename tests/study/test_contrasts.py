@@ -101,12 +101,12 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     assert ">overall, 2 of 3</td>" in page
     assert row["p_value"] == pytest.approx(stats.ttest_rel(right, left).pvalue, rel=1e-9)
     assert row_of(made.contrasts, "VE3")["n"] == 6
-    assert {part.what: part.why for part in made.skipped} | {
+    assert {part.what: part.why for part in made.skipped_rows} | {
         "1 subject in contrasts of stiffness, right against left": "no reference has both levels",
         "VE3 in the overall contrast of stiffness, right against left": (
             "some subjects lack a level there"
         ),
-    } == {part.what: part.why for part in made.skipped}
+    } == {part.what: part.why for part in made.skipped_rows}
 
 
 @pytest.mark.parametrize("reference", [0.0, -6.0])
@@ -142,12 +142,14 @@ def test_what_has_no_contrast_is_named():
     table.loc[0, "k_adj"] = 0.0
     assert (
         "has no logarithm (1 in all)"
-        in {part.what: part.why for part in study(table).skipped}["contrasts of stiffness"]
+        in {part.what: part.why for part in study(table).skipped_rows}["contrasts of stiffness"]
     )
     zero = frame().assign(k_ref=0.0)
     assert (
         "[model] scale.k"
-        in {part.what: part.why for part in study(zero, "normal").skipped}["contrasts of stiffness"]
+        in {part.what: part.why for part in study(zero, "normal").skipped_rows}[
+            "contrasts of stiffness"
+        ]
     )
     scaled = study(frame().assign(k_ref=0.0), "normal", model={"scale": {"k": 10.0}}).contrasts
     unscaled = study(frame().query("environment == 'VE1'"), "normal").contrasts
@@ -157,7 +159,7 @@ def test_what_has_no_contrast_is_named():
     )
     alone = frame()
     alone = alone[(alone["subject"] == "S0") | (alone["hand"] == "left")]
-    why = {part.what: part.why for part in study(alone).skipped}
+    why = {part.what: part.why for part in study(alone).skipped_rows}
     assert why["contrast of stiffness, right against left, in VE1"].startswith(
         "fewer than two subjects"
     )
@@ -170,7 +172,7 @@ def test_what_has_no_contrast_is_named():
 
 def why_skipped(table, bias):
     made = study(table, model={"bias": bias})
-    return {part.what: part.why for part in made.skipped}
+    return {part.what: part.why for part in made.skipped_rows}
 
 
 def test_levels_and_groups_that_never_meet_are_named():

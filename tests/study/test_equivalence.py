@@ -69,7 +69,7 @@ def test_a_value_has_its_unit_and_a_fraction_its_reference():
     )
     study = judged(zero, 0.125)
     assert study.equivalence.empty
-    said = {part.what: part.why for part in study.skipped}
+    said = {part.what: part.why for part in study.skipped_rows}
     assert said["whether stiffness of A is within one JND"].startswith("a fraction of a reference")
 
 
@@ -103,7 +103,7 @@ def test_the_posterior_probability_is_the_share_of_draws_within():
         error = np.sqrt(inside.mean() * (1.0 - inside.mean()) / inside.size)
         row = found.loc[name]
         assert abs(row["probability"] - inside.mean()) < 5.0 * (error + row["error"])
-    said = {part.what: part.why for part in by_trials.skipped}
+    said = {part.what: part.why for part in by_trials.skipped_rows}
     assert (
         "has an error that the tests do not know"
         in said["classical verdict whether stiffness is within one JND"]
@@ -133,7 +133,7 @@ def test_under_the_reference_prior_the_posterior_is_the_t(family):
 def test_without_trials_that_repeat_there_is_no_jnd_from_them():
     study = judged(settings(8.1, 0.2, subjects=4), "trials", method="both")
     assert study.equivalence.empty
-    said = {part.what: part.why for part in study.skipped}
+    said = {part.what: part.why for part in study.skipped_rows}
     assert said["whether stiffness of A is within one JND from trials"] == (
         "without repeated trials there is none"
     )
@@ -159,6 +159,6 @@ def test_subjects_who_adjusted_alike_have_no_verdict_and_a_reason():
     alike = settings(8.1, 0.2).assign(k_adj=8.1)
     study = judged(pd.concat([alike, settings(8.1, 0.2).assign(environment="B")]), 0.125)
     assert list(study.equivalence["environment"]) == ["B"]
-    said = {part.what: part.why for part in study.skipped}
+    said = {part.what: part.why for part in study.skipped_rows}
     what = "classical verdict whether stiffness is within one JND in A"
     assert said[what] == "all subjects made the same adjustments"

@@ -172,7 +172,7 @@ def test_the_smallest_studies_have_maps_or_a_reason(sessions, subjects) -> None:
 
 def test_published_limits_have_no_joint_law_for_classical_maps() -> None:
     study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene_of())
-    said = {row.what: row.why for row in study.skipped}
+    said = {row.what: row.why for row in study.skipped_rows}
     assert said["verdicts with other mass and damping of the device"].endswith(
         "stiffness and damping"
     )
@@ -212,7 +212,7 @@ def test_a_device_without_damping_keeps_none_and_carries_no_coupling(sessions) -
     found = study.other_devices
     assert found is not None
     assert found.damping == (0.0,) * 5
-    said = {row.what: row.why for row in study.skipped}
+    said = {row.what: row.why for row in study.skipped_rows}
     assert said["admissible couplings"] == "no coupling is stable in time with this device"
 
 
@@ -247,7 +247,7 @@ def test_a_measured_device_is_left_alone(alone, tmp_path) -> None:
     response.write_text("omega,real,imaginary\n" + "\n".join(lines) + "\n")
     measured = Study(alone, scene_of(device={"response": str(response), "period": PERIOD}))
     assert measured.other_devices is measured.coupling_map is None
-    said = {row.what: row.why for row in measured.skipped}
+    said = {row.what: row.why for row in measured.skipped_rows}
     assert said["admissible couplings"].startswith("Above 1000 rad/s the device's table says")
 
 

@@ -125,4 +125,4 @@ def test_each_condition_has_a_line():
 def test_a_study_without_a_line_says_why(references, options, why):
     study = study_of(references, **options)
     assert study.skipped_of("pse_lines") == (Skipped("line of stiffness over the reference", why),)
-    assert Skipped("line of stiffness over the reference", why) in study.skipped
+    assert Skipped("line of stiffness over the reference", why) in study.skipped_rows

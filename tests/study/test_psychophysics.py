@@ -206,7 +206,7 @@ def test_what_has_no_jnd_is_named_with_the_reason():
         study = Study(Sessions.from_frame(table), Scene(inference={"method": "classical"}))
         measures = study.psychophysics
         told = set(measures[measures["measure"] == "jnd"]["environment"])
-        return told, [(row.what, row.why) for row in study.skipped if "JND" in row.what]
+        return told, [(row.what, row.why) for row in study.skipped_rows if "JND" in row.what]
 
     why = "it needs repeated trials"
     assert said(data) == ({"weich", "hart"}, [])
@@ -220,7 +220,7 @@ def test_published_limits_have_no_jnd():
 
     sessions = read_sessions(DATASETS / "hbfd_table1.csv")
     study = Study(sessions, Scene(inference={"method": "classical"}))
-    said = {row.what: row.why for row in study.skipped}
+    said = {row.what: row.why for row in study.skipped_rows}
     assert said["JND of damping"] == "published limits hold no trials"
 
 

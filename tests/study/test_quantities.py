@@ -61,7 +61,7 @@ def test_references_alike_cost_the_law_only():
     study = study_of(frame(references=(500.0, 500.0, 500.0)), DURATION | CLASSICAL)
     assert (
         Skipped("band law", "without one environment all references lie within 5 % of each other")
-        in study.skipped
+        in study.skipped_rows
     )
     assert study.band.laws == ()
     assert len(study.intervals) == 18
@@ -71,7 +71,7 @@ def test_zero_costs_what_needs_its_logarithm_only():
     table = frame()
     table.loc[0, "duration_adj"] = 0.0
     study = study_of(table, DURATION | {"inference": {"method": "both", "tolerance": 0.1}})
-    left = {skipped.what: skipped.why for skipped in study.skipped}
+    left = {skipped.what: skipped.why for skipped in study.skipped_rows}
     assert (
         "zero or negative values have no logarithm (1 there)"
         in left["S0, in the hierarchical model"]
@@ -97,7 +97,7 @@ def test_zero_costs_what_needs_its_logarithm_only():
     np.testing.assert_array_equal(rows[["lower", "upper"]], own[["lower", "upper"]])
     assert list(rows["environment"]) == list(own["environment"])
     every = table.assign(duration_adj=table["duration_adj"].where(table["subject"] != "P0", 0.0))
-    left = {part.what: part.why for part in study_of(every, DURATION).skipped}
+    left = {part.what: part.why for part in study_of(every, DURATION).skipped_rows}
     assert "no logarithm (4 in all)" in left["Bayesian intervals"]
     with pytest.raises(RefusalError, match="no logarithm"):
         _ = study_of(table, DURATION | {"inference": {"method": "bayesian"}}).intervals

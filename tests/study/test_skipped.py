@@ -41,12 +41,12 @@ def test_trials_the_pair_of_parameters_leaves_out():
     data.loc[data["environment"] == "VE4", "b_adj"] = np.nan
     data.loc[(data["environment"] == "VE1") & (data["subject"] < "s2"), "b_adj"] = np.nan
     found = study(data, inference={"method": "bayesian", "tolerance": 0.3})
-    said = {part.what: part.why for part in found.skipped}
+    said = {part.what: part.why for part in found.skipped_rows}
     assert said["8 trials, in the hierarchical model"] == "they lack stiffness or damping"
     assert said["Bayesian intervals of VE4"] == "no trial there has both parameters"
     assert "VE4" not in set(found.intervals["environment"])
     alone = study(data, inference={"method": "bayesian", "tolerance": 0.3, "parameters": ["k"]})
-    assert not [part for part in alone.skipped if "trials" in part.what]
+    assert not [part for part in alone.skipped_rows if "trials" in part.what]
     assert "VE4" in set(alone.intervals["environment"])
 
 
@@ -57,7 +57,7 @@ def test_free_space_has_boundaries_and_no_band():
         "model": {"scale": {"k": 10.0, "b": 0.5}},
     }
     found = study(data, device=DEVICE, frequency={"points": 11}, **scene)
-    assert {part.what: part.why for part in found.skipped}[
+    assert {part.what: part.why for part in found.skipped_rows}[
         "band of free"
     ] == "the impedance of its reference is zero"
     assert found.band is not None
@@ -80,7 +80,7 @@ def test_an_environment_without_one_reference():
     found = study(
         data, device=DEVICE, frequency={"points": 11}, coupling={"stiffness": 5e4, "damping": 100.0}
     )
-    assert {part.what: part.why for part in found.skipped}[
+    assert {part.what: part.why for part in found.skipped_rows}[
         "boundaries and band of VE2"
     ] == "it has no reference damping"
     assert found.with_reference == ("VE1", "VE3", "VE4")
@@ -94,7 +94,7 @@ def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
     data = table()
     data.loc[data["environment"] == "VE1", "b_adj"] = 0.7
     found = study(data)
-    assert {part.what: part.why for part in found.skipped}[
+    assert {part.what: part.why for part in found.skipped_rows}[
         "classical lognormal intervals of damping in VE1"
     ] == "all subjects made the same adjustments"
     assert found.band is not None
@@ -150,7 +150,7 @@ def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
     ],
 )
 def test_what_is_left_out_is_said_with_its_reason(tables, change, what, why):
-    said = {part.what: part.why for part in study(change(table()), **tables).skipped}
+    said = {part.what: part.why for part in study(change(table()), **tables).skipped_rows}
     assert said[what].startswith(why)
 
 
@@ -162,7 +162,7 @@ def test_what_published_limits_do_not_hold_and_windows_below_the_range_are_said(
     }
     said = {
         part.what: part.why
-        for part in Study(read_sessions(DATASETS / "hbfd_table1.csv"), Scene(**scene)).skipped
+        for part in Study(read_sessions(DATASETS / "hbfd_table1.csv"), Scene(**scene)).skipped_rows
     }
     assert said["subject effects and k-b correlation"] == "published limits do not hold them"
     assert said["zoom window of VE1"] == "it lies outside 10 to 100 rad/s"
@@ -182,7 +182,7 @@ def test_a_table_of_a_part_of_the_range(tmp_path):
     assert found.coupling.eq10 == "undecided"
     assert {row.verdict for row in found.rendering} <= {"cannot", "undecided"}
     assert found.coupling_map is None
-    said = {part.what: part.why for part in found.skipped}
+    said = {part.what: part.why for part in found.skipped_rows}
     assert said["admissible couplings"].startswith(
         "Above 120 rad/s the device's table says nothing"
     )

@@ -115,7 +115,7 @@ def test_nothing_is_computed_for_what_the_scene_leaves_out():
     assert bare.boundaries == ()
     assert bare.coupling is None
     assert bare.posterior is None
-    what = {part.what: part.why for part in bare.skipped}
+    what = {part.what: part.why for part in bare.skipped_rows}
     assert what["boundaries of Z_h"] == "the scene has no [device]"
     assert not any(name.startswith("zoom") for name in what)
 
@@ -125,7 +125,7 @@ def test_a_window_on_an_environment_that_is_not_there_is_said():
     study = Study(
         read_sessions(DATASETS / "hbfd_sessions.csv"), scene.with_inference(method="classical")
     )
-    said = [part for part in study.skipped if part.what.startswith("zoom")]
+    said = [part for part in study.skipped_rows if part.what.startswith("zoom")]
     assert said == [Skipped("zoom window of VE9", "no environment has this name")]
 
 
@@ -135,7 +135,7 @@ def test_failed_gate_withholds_the_bayesian_numbers():
     assert study.posterior is None
     assert (
         "autocorrelation times"
-        in {part.what: part.why for part in study.skipped}["Bayesian intervals"]
+        in {part.what: part.why for part in study.skipped_rows}["Bayesian intervals"]
     )
 
 

@@ -12,13 +12,13 @@ from tests import DATASETS
 
 
 def outcomes(study, *, coupled):
-    return {row.environment: row.outcome for row in study.verdicts if row.coupled is coupled}
+    return {row.environment: row.outcome for row in study.verdict_rows if row.coupled is coupled}
 
 
 def test_the_published_wall_with_a_dip_is_not_said_to_feel_real(fitted: Study) -> None:
     """VE2 is inside the next user's boundary by the paper's rule."""
     assert outcomes(fitted, coupled=False)["VE2"] == "too little data"
-    (verdict,) = [row for row in fitted.verdicts if row.environment == "VE2" and row.coupled]
+    (verdict,) = [row for row in fitted.verdict_rows if row.environment == "VE2" and row.coupled]
     assert verdict.bayesian is not None
     assert verdict.probability == verdict.bayesian.probability
     # Some 0.49 of the draws hold stiffness and damping, and half of these the dip near 31.6 rad/s.
@@ -28,8 +28,26 @@ def test_the_published_wall_with_a_dip_is_not_said_to_feel_real(fitted: Study) -
     assert outcomes(fitted, coupled=True)["VE4"] == "does not"
 
 
+def test_the_table_has_both_methods_and_calls_nothing_real_that_cannot_be_rendered(
+    fitted: Study,
+) -> None:
+    table = fitted.verdicts.set_index(["environment", "coupled", "method"])
+    for row in fitted.verdict_rows:
+        assert row.bayesian is not None
+        assert row.classical is not None
+        bayesian = table.loc[(row.environment, row.coupled, "bayesian")]
+        classical = table.loc[(row.environment, row.coupled, "classical")]
+        assert bayesian["probability"] == row.bayesian.probability
+        assert classical["probability"] == row.classical.least
+        if row.environment in ("VE1", "VE2"):
+            assert (bayesian["rendered"], bayesian["outcome"]) == ("can", row.bayesian.outcome)
+        else:
+            assert bayesian["rendered"] == "cannot"
+            assert bayesian["outcome"] == classical["outcome"] == "cannot be rendered"
+
+
 def test_both_methods_follow_the_decision(fitted: Study) -> None:
-    for row in fitted.verdicts:
+    for row in fitted.verdict_rows:
         assert row.bayesian is not None
         assert row.classical is not None
         assert row.method == "bayesian"
@@ -59,8 +77,8 @@ def test_the_level_of_intervals_decides_no_verdict(data, method) -> None:
     said = []
     for level in (0.8, 0.999):
         study = Study(read_sessions(DATASETS / data), scene.with_inference(level=level))
-        assert {row.central for row in study.verdicts} == {0.99}
-        said.append({(row.environment, row.coupled): row.outcome for row in study.verdicts})
+        assert {row.central for row in study.verdict_rows} == {0.99}
+        said.append({(row.environment, row.coupled): row.outcome for row in study.verdict_rows})
     assert said[0] == said[1]
     assert "feels real" in said[0].values()
 
@@ -75,7 +93,7 @@ def test_three_users_do_not_refute_a_wall_by_its_magnitude(tmp_path) -> None:
         inference={"method": "classical"},
         device={"mass": 1.0, "damping": 0.001, "period": 0.001},
     )
-    (verdict,) = Study(read_sessions(path), scene).verdicts
+    (verdict,) = Study(read_sessions(path), scene).verdict_rows
     assert verdict.classical is not None
     assert verdict.classical.magnitude == verdict.probability <= 0.05 / 3.0
     assert min(verdict.classical.stiffness, verdict.classical.damping) > 0.05 / 3.0
@@ -89,7 +107,7 @@ def test_three_users_do_not_refute_a_wall_by_its_magnitude(tmp_path) -> None:
 def test_published_limits_are_judged_part_by_part() -> None:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
     study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
-    for row in study.verdicts:
+    for row in study.verdict_rows:
         assert row.classical is not None
         assert row.classical.magnitude is None
         assert row.method == "classical"
@@ -107,9 +125,9 @@ def test_a_mistyped_row_is_named_with_the_verdict_without_it(tmp_path, method) -
         inference={"tolerance": 0.1, "method": method},
         device={"mass": 0.5, "damping": 5.0, "period": 0.001},
     )
-    (typed,) = Study(read_sessions(path), scene).verdicts
+    (typed,) = Study(read_sessions(path), scene).verdict_rows
     path.write_text(head + "\n".join([*rows[:3], rows[4]]))
-    (without,) = Study(read_sessions(path), scene).verdicts
+    (without,) = Study(read_sessions(path), scene).verdict_rows
     assert without.leaning is None
     assert typed.leaning is not None
     (row,) = typed.leaning.rows
@@ -130,6 +148,6 @@ def test_where_nothing_is_left_without_a_mistyped_row_no_verdict_is_given(tmp_pa
     scene = Scene(
         inference={"method": "classical"}, device={"mass": 0.5, "damping": 5.0, "period": 0.001}
     )
-    (verdict,) = Study(read_sessions(path), scene).verdicts
+    (verdict,) = Study(read_sessions(path), scene).verdict_rows
     assert verdict.leaning is not None
     assert verdict.leaning.without is None
