@@ -18,7 +18,7 @@ from scipy import special
 from scipy.optimize import elementwise
 
 from percept.boundary.shares import DiscIntegral, Discs, Users, share_within
-from percept.haptics.frequencies import log_grid
+from percept.haptics.loop import log_grid
 from percept.haptics.perceived import Display, displayed
 from percept.haptics.shown import shown_limits
 from percept.html import NotebookRecord

@@ -27,9 +27,8 @@ from numpy.typing import ArrayLike
 
 from percept.haptics.aliases import Aliases, alias_features, aliases
 from percept.haptics.arrays import FloatArray, IntArray, Scalars, ratio, stored
-from percept.haptics.frequencies import search_grid
 from percept.haptics.impedance import filter_response
-from percept.haptics.loop import Loop, VelocityFilter, Warp
+from percept.haptics.loop import Loop, VelocityFilter, Warp, search_grid
 from percept.haptics.records import (
     Coupling,
     Device,

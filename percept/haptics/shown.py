@@ -21,8 +21,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from percept.haptics.arrays import FloatArray, IntArray, Scalars
-from percept.haptics.frequencies import search_grid
-from percept.haptics.loop import VelocityFilter, omega_of_rate
+from percept.haptics.loop import VelocityFilter, omega_of_rate, search_grid
 from percept.haptics.perceived import Boxes, Display, displayed, shown_element
 from percept.haptics.records import Coupling, Environment, Mode
 from percept.minima import lowest

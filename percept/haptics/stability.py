@@ -26,14 +26,13 @@ from percept.haptics.arrays import (
     stored,
     times,
 )
-from percept.haptics.frequencies import covers_range, search_grid
 from percept.haptics.impedance import (
     DISCRETIZATIONS,
     coupling_element,
     device_parts,
     tustin_damping,
 )
-from percept.haptics.loop import Loop, Warp
+from percept.haptics.loop import Loop, Warp, covers_range, search_grid
 from percept.haptics.records import Coupling, Device, TabulatedDevice, refuse_arrays
 from percept.html import NotebookRecord
 from percept.minima import lowest

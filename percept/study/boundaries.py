@@ -19,7 +19,7 @@ from percept.boundary.limits import (
 )
 from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
-from percept.haptics.frequencies import log_grid
+from percept.haptics.loop import log_grid
 from percept.results import BandDifference, BandPair, Boundary, Shape, Skipped
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array

@@ -20,8 +20,8 @@ from percept.haptics import (
     VelocityFilter,
 )
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
-from percept.haptics.frequencies import log_grid
 from percept.haptics.impedance import coupling_admittance
+from percept.haptics.loop import log_grid
 from percept.haptics.perceived import Boxes, Display
 from percept.haptics.records import AnyDevice
 from percept.haptics.shown import departure, plane_departure

@@ -16,7 +16,7 @@ from scipy import special
 from percept.errors import UsageError
 from percept.haptics import Coupling, Device, Environment, Loop, Mode
 from percept.haptics.aliases import alias_features
-from percept.haptics.frequencies import search_grid
+from percept.haptics.loop import search_grid
 from percept.haptics.rendering import needed_damping, rendering_load
 from percept.results import DeviceStability
 from percept.scene import Scene
