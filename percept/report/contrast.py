@@ -76,7 +76,8 @@ def size_of(row: ContrastRow, results: Results) -> Size:
     if row.family == "lognormal" or row.of == "spread":
         return Size(True, 1.0, "")
     if row.unit != "references":
-        return Size(False, 1.0, f" {row.unit}".rstrip())
+        # Pure numbers have no word for their unit.
+        return Size(False, 1.0, f" {row.unit}".replace(" units", "").rstrip())
     sizes = set()
     for cell in matching(results.intervals, parameter=row.parameter):
         if cell.environment.startswith(row.references):

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from percept.report.contrast import design_words
 from percept.report.figures.levels import level_drawings
 from percept.report.figures.output import drawn
+from percept.report.sections import Plot
 from percept.report.select import distinct, matching
 from percept.results import LevelValues
 from tests.documents import build_document, page_of
@@ -113,7 +114,7 @@ def test_it_is_the_first_figure_of_the_page():
     plots = {}
     for drawing in level_drawings(results):
         _, svg = drawn(drawing, ())
-        plots[drawing.name] = dataclasses.replace(drawing, svg=svg)
+        plots[drawing.name] = Plot(drawing.title, drawing.description, drawing.size, svg, ())
     page = page_of(build_document(made, curves=False), plots)
     assert page.count("<strong>Figure 1. Stiffness k at the levels of hand") == 1
     assert page.index('id="figure-levels_k_1"') < page.index('id="bias"')

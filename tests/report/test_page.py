@@ -12,8 +12,8 @@ import pytest
 
 from percept import Study, read_sessions
 from percept.cli import main
-from percept.report.figures.canvas import Drawing
 from percept.report.numbers import number
+from percept.report.sections import Plot
 from percept.report.select import listed
 from percept.sessions import Sessions
 from tests.documents import at, build_document, page_of, parts_of, sections_of
@@ -405,9 +405,7 @@ def test_simulated_input_is_named_before_any_result(classical):
 
 
 def test_figures_come_with_their_words(both):
-    plot = Drawing(
-        "band", "A <b> title of |Z_h|", "What Z_h,vc shows.", (1, 1), None, "<svg></svg>"
-    )
+    plot = Plot("A <b> title of |Z_h|", "What Z_h,vc shows.", (1, 1), "<svg></svg>", ())
     page = page_of(both, {"band": plot})
     assert "A &lt;b&gt; title of |Z<sub>h</sub>|" in page
     assert "What Z<sub>h,vc</sub> shows." in page

@@ -48,6 +48,7 @@ class _Panel:
     """One quantity over the levels of one factor."""
 
     title: str
+    label: str  # Of the values
     outline: LevelPanel
     rows: list[LevelValues]  # Over all references
     groups: dict[str, NDArray[np.bool_]]  # Subjects of each group, by its name
@@ -92,13 +93,20 @@ def _panel(results: Results, outline: LevelPanel) -> _Panel:
     for row in matching(own, within=False):
         if row.factor != outline.factor and row.factor == matching(own, within=False)[0].factor:
             groups[row.level] = np.array([value is not None for value in row.values])
+    quantity = results.data.quantities[outline.parameter]
+    size = size_of(outline.means[0], results)
+    label = "setting / reference"
+    if not size.ratio:
+        what = "setting − reference" if quantity.is_matched else quantity.label
+        label = f"{what}{size.axis}"
     return _Panel(
-        title=results.data.quantities[outline.parameter].head,
+        title=quantity.head,
+        label=label,
         outline=outline,
         rows=matching(own, factor=outline.factor),
         groups=groups,
         contrasts=overall,
-        size=size_of(outline.means[0], results),
+        size=size,
     )
 
 
@@ -126,7 +134,7 @@ def _draw_levels(ax: Axes, panel: _Panel, subject: str) -> None:
     if panel.log:
         log_scale(ax, "y", plain=True)
         label_between(ax, "y")
-    ax.set_ylabel("setting / reference" if panel.log else f"setting − reference{panel.size.axis}")
+    ax.set_ylabel(panel.label)
     ax.set_xticks(range(len(levels)), unique_labels(levels, max(4, _MOST_LETTERS // len(levels))))
     ax.set_xlim(-_END, len(levels) - 1 + _END)
     ax.set_xlabel(panel.outline.factor)
