@@ -258,7 +258,7 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
     first_of_form: dict[str, str] = {}
     for file in opened(log):
         with log.problems.collecting():
-            form = file.found.form
+            form = file.resolution.form
             first_of_form.setdefault(form, file.name)
             frame = read_summary(file) if form == "summary" else read_trials(file)
             frames.append(frame.assign(file=len(log.sources)))

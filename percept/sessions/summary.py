@@ -17,7 +17,7 @@ _LEVEL = 0.95
 
 def read_summary(file: OpenFile) -> pd.DataFrame:
     """Give the rows of a published table with limits; means and SDs become limits."""
-    columns = file.found.slots[0].columns
+    columns = file.resolution.slots[0].columns
     has_limits = {"lower", "upper"} <= columns.keys()
     names = ["reference", *(("lower", "upper") if has_limits else ("mean", "sd")), "n"]
     if has_limits or "level" in columns:
@@ -44,12 +44,12 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
 def _require(file: OpenFile, names: Sequence[str]) -> None:
     """Refuse a table that lacks a column, or declares a unit."""
     for column in names:
-        if column not in file.found.slots[0].columns:
+        if column not in file.resolution.slots[0].columns:
             there = shown(file.header.names)
             message = f"a published table needs the column {column}; the columns are {there}."
             hint = "Add it, or name it in the scene's [columns]."
             raise file.header.error(message, column, hint)
-    if any(rule.unit is not None for rule in file.found.rules.values()):
+    if any(rule.unit is not None for rule in file.resolution.rules.values()):
         units = " and ".join(quantity.unit for quantity in file.options.quantities.values())
         message = f"a published table is in {units}."
         raise UsageError(message, file=file.name, key="columns", hint="Convert the table.")

@@ -36,8 +36,8 @@ from percept.sessions.text import Grid, text_grid
 from percept.sessions.typed import grid_of, is_typed, sheets, typed_grid
 from percept.sessions.values import SPACE, Column, Names, decimal_mark, parse_numbers
 
-#: Rows that are taken from a file at a time.
-_ROWS = 2_000
+#: Rows that are taken from a file at a time: so few that they die before Python looks for garbage.
+_ROWS = 200
 
 
 class Log:
@@ -84,7 +84,7 @@ class OpenFile:
 
     grid: Grid
     header: Header
-    found: Resolution
+    resolution: Resolution
     ids: Mapping[str, str]  # Of the file's name
     log: Log
 
@@ -106,19 +106,19 @@ class OpenFile:
         """Give the texts of columns by position; the index is the physical line."""
         limits = self.options.files
         rows = self.grid.rows()
-        parts = []
-        count = 0
-        # Texts of pandas take a quarter of the memory that Python's take.
+        lines: list[int] = []
+        texts: dict[int, list[str]] = {at: [] for at in positions}
         while part := list(islice(rows, _ROWS)):
-            count += len(part)
-            limits.hold_table(count, len(positions), self.name)
-            texts = list(zip(*(cells for _, cells in part), strict=True))
-            lines = pd.Index([line for line, _ in part], dtype="int64")
-            own = {position: texts[position] for position in positions}
-            parts.append(pd.DataFrame(own, index=lines, dtype="str"))
-        self.log.counts["rows read"] += count
+            lines += [line for line, _ in part]
+            limits.hold_table(len(lines), len(texts), self.name)
+            columns = list(zip(*(cells for _, cells in part), strict=True))
+            # Equal texts share their memory: most columns hold few.
+            share = dict[str, str]().setdefault
+            for at, column in texts.items():
+                column += map(share, columns[at], columns[at])
+        self.log.counts["rows read"] += len(lines)
         self.log.counts.update(self.grid.dropped)
-        return pd.concat(parts)
+        return pd.DataFrame(texts, index=pd.Index(lines, dtype="int64"), dtype="str")
 
     def is_missing(self, cells: pd.Series[str]) -> npt.NDArray[np.bool_]:
         """Which cells say that there is no value."""
@@ -145,7 +145,7 @@ class OpenFile:
 
     def place(self, column: str, row: int | None = None) -> CellPlace:
         """Where a column stands, by its canonical name or its own."""
-        rule = self.found.rules.get(column)
+        rule = self.resolution.rules.get(column)
         place = CellPlace(file=self.name, column=column if rule is None else rule.name)
         if row is not None:
             place["row"] = int(row)

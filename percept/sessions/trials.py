@@ -1,6 +1,6 @@
 """A file's trials as one table, step by step: melted, selected, its ids and numbers converted.
 
-The table's columns have percept's names or are `Own`; its index is the physical line.
+The table's columns have percept's names or are `OwnColumn` labels; its index is the physical line.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Own:
+class OwnColumn:
     """Label of a column of the file's own, whatever its name."""
 
     name: str
@@ -62,19 +62,19 @@ def _own_columns(file: OpenFile) -> dict[Any, int]:
     """Find the file's other columns that are read."""
     canonical = canonical_columns(file.options.quantities)
     selection = file.options.sessions
-    names = [Own(name) for name in (*_groups(file), *selection.only)]
+    names = [OwnColumn(name) for name in (*_groups(file), *selection.only)]
     for rule in selection.exclude:
         if rule.column not in canonical:
-            names.append(Own(rule.column, is_number=not rule.equals))
-    for column in file.found.rules.values():
-        names += [Own(name) for name in column.also]
+            names.append(OwnColumn(rule.column, is_number=not rule.equals))
+    for column in file.resolution.rules.values():
+        names += [OwnColumn(name) for name in column.also]
     return {own: file.header.position(own.name) for own in names}
 
 
 def _melted(file: OpenFile) -> pd.DataFrame:
     """Give a row for each observation: one set of columns, or several below one another."""
     own = _own_columns(file)
-    slots = file.found.slots
+    slots = file.resolution.slots
     cells = file.cells({at for slot in slots for at in (*own.values(), *slot.columns.values())})
     parts = []
     for slot in slots:
@@ -99,11 +99,11 @@ def _with_ids(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     if file.options.sessions.subject == "row":
         stem = PurePath(file.name).stem
         data["subject"] = [f"{stem} {row}" for row in data.index]
-    for canonical, rule in file.found.rules.items():
+    for canonical, rule in file.resolution.rules.items():
         if rule.also:
             data[canonical] = _joined(file, data, canonical, rule.also)
     columns: dict[Any, str] = {name: name for name in IDS if name in data}
-    columns |= {Own(name): name for name in _groups(file)}
+    columns |= {OwnColumn(name): name for name in _groups(file)}
     for column, name in columns.items():
         data[column] = file.log.names.settle(name, data[column], file.name)
     return data
@@ -111,7 +111,7 @@ def _with_ids(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
 
 def _joined(file: OpenFile, data: pd.DataFrame, canonical: str, also: tuple[str, ...]) -> list[str]:
     """Join ids of several columns; one that lacks a part is blank, and so missing."""
-    columns = [data[canonical], *(data[Own(name)] for name in also)]
+    columns = [data[canonical], *(data[OwnColumn(name)] for name in also)]
     records = list(zip(*columns, strict=True))
     parts_of: dict[str, tuple[str, ...]] = {}
     for parts in dict.fromkeys(records):
@@ -126,12 +126,12 @@ def _joined(file: OpenFile, data: pd.DataFrame, canonical: str, also: tuple[str,
 def _selected(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     """Keep the rows that the scene's rules on texts leave."""
     for name, texts in file.options.sessions.only.items():
-        kept = _among(data[Own(name)], texts)
+        kept = _among(data[OwnColumn(name)], texts)
         data = _keep(file, data, kept, f"{name} is not {' or '.join(texts)}")
     for rule in file.options.sessions.exclude:
         if not rule.equals:
             continue
-        column = Own(rule.column) if Own(rule.column) in data else rule.column
+        column = OwnColumn(rule.column) if OwnColumn(rule.column) in data else rule.column
         if column not in data:
             file.header.position(rule.column)
         excluded = _among(data[column], rule.equals)
@@ -169,7 +169,7 @@ def _exclude(
 
 def _picked(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     """Take values out of JSON cells; records of other kinds of trial may lack them."""
-    for canonical, rule in file.found.rules.items():
+    for canonical, rule in file.resolution.rules.items():
         if rule.path is not None:
             data[canonical] = _picks(file, data[canonical], canonical, rule.path)
     return data
@@ -242,7 +242,7 @@ def _converted(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     rows = data.index.to_numpy()
     quantities = with_mass(file.options.quantities)
     for name, numbers in file.numbers(data, _numbers(file, data), _CORRECT).items():
-        rule = file.found.rules.get(name)
+        rule = file.resolution.rules.get(name)
         if name == "trial":
             data[name] = _whole(file, numbers, rows)
             continue
@@ -288,7 +288,7 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
         f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%})'
         " as earlier events of a trial"
     )
-    if not file.found.is_numbered:
+    if not file.resolution.is_numbered:
         text += "; no column numbers the trials, so one row stays per subject and environment"
     file.notice(text)
     return last
@@ -299,7 +299,7 @@ def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     for rule in file.options.sessions.exclude:
         if rule.equals:
             continue
-        column = rule.column if rule.column in data else Own(rule.column, is_number=True)
+        column = rule.column if rule.column in data else OwnColumn(rule.column, is_number=True)
         if column not in data or not pd.api.types.is_numeric_dtype(data[column]):
             key = f"sessions.exclude {rule.column}"
             raise UsageError("limits need a column of numbers.", key=key)
@@ -321,7 +321,7 @@ def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
         defaults[MASS] = np.nan
     columns = {column: data.get(column, value) for column, value in defaults.items()}
     for name in _groups(file):
-        columns[name] = data[Own(name)]
+        columns[name] = data[OwnColumn(name)]
     frame = pd.DataFrame(columns, index=data.index).assign(row=data.index)
     return frame.astype(dict.fromkeys(IDS, "str"))
 
