@@ -109,7 +109,7 @@ def test_the_readme_says_what_its_example_renders(tmp_path, monkeypatch):
     scene = Scene.load("scene.toml").with_inference(method="classical")
     rows = Study(read_sessions("walls.csv"), scene).rendering
     assert {row.verdict for row in rows if row.environment == "soft"} == {"can"}
-    said = "Directly and through the coupling alike, soft can be rendered with every passive hand."
+    said = "Through this coupling, soft can be rendered with every hand."
     assert said in README.read_text("utf-8")
 
 

@@ -111,16 +111,17 @@ def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
 
     columns = {
         capitalised(words.environment): of("environment"),
-        "place, largest": of("place.largest", 3, "percent"),
+        "middle, largest shift": of("place.largest", 3, "percent"),
         "at ω (rad/s)": of("place.omega", 3),
-        "place, median": of("place.median", 3, "percent"),
+        "middle, median shift": of("place.median", 3, "percent"),
         "log width ratio, largest": of("width.largest", 3),
         "at ω, rad/s": of("width.omega", 3),
         "log width ratio, median": of("width.median", 3),
     }
     caption = (
         f"The next {words.user}’s Bayesian boundary against the classical one (exact envelopes)."
-        " Place: middle over middle, less one."
+        " Shift: middle over middle, less one. Width ratios are natural logarithms: at 0.69 it is"
+        " twice as wide."
     )
     return table_of(caption, pairs, columns, name="band_pairs", csv="band_pairs")
 

@@ -190,9 +190,8 @@ def _by_parts(results: Results) -> Table:
     needed = [row.more for row in rows if row.more]
     if needed:
         columns[f"more {words.subjects}"] = _more
-        caption += (
-            f" So many more {words.subjects} decide with probability {needed[0].assurance:g}."
-        )
+        sure = f"{needed[0].assurance:g}"
+        caption += f" This many more {words.subjects} would decide, with probability {sure}."
     return table_of(caption, rows, columns, name="verdicts", csv="verdicts")
 
 

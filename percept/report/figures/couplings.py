@@ -103,7 +103,7 @@ def draw_couplings(
     top = float(couplings.damping[-1])
     if used is not None:
         own = used[0] / _KILO
-        label = f"coupling in use ({own:.4g} kN/m, {used[1]:.4g} N·s/m)"
+        label = "coupling in use"
         ax.plot([own], [used[1]], "X", markersize=5, color=COLOURS["warn"], label=label)
         ends += [own / _ROOM, own * _ROOM]
         top = max(top, used[1])
