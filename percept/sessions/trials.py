@@ -171,7 +171,8 @@ def _picked(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     """Take values out of JSON cells; records of other kinds of trial may lack them."""
     for canonical, rule in file.resolution.rules.items():
         if rule.path is not None:
-            data[canonical] = _picks(file, data[canonical], canonical, rule.path)
+            picked = _picks(file, data[canonical], canonical, rule.path)
+            data[canonical] = pd.Series(picked, index=data.index, dtype="str")
     return data
 
 

@@ -494,6 +494,12 @@ def test_paths_into_cells(tmp_path):
         assert message in str(refusal(tmp_path, head + f"1,a,10,{cell}\n", path))
 
 
+def test_no_row_is_left_of_which_a_value_is_picked(tmp_path):
+    tables = {"columns": {"k_adj": "value.s"}, "sessions": {"only": {"subject": "2"}}}
+    text = 'subject,environment,k_ref,value\n1,a,10,"{""s"": 1}"\n'
+    assert "no row has an adjustment." in str(refusal(tmp_path, text, tables))
+
+
 @pytest.mark.parametrize("row", ['2,a,10,\\"', '"2 \\"x",a,10,\\"', '2,a,10,1"1'])
 def test_a_quote_outside_quotes_is_no_blank(tmp_path, row):
     error = refusal(tmp_path, f"subject,environment,k_ref,k_adj\n1,a,10,11\n{row}\n")
