@@ -124,7 +124,8 @@ class Results:
         metadata=_part(needs="curves"), default=None
     )  # None without a device
     coupling: Coupling | None = field(
-        metadata=_part("judging what can be rendered", needs="curves"), default=None
+        metadata=_part("judging what can be rendered", of="coupling_row", needs="curves"),
+        default=None,
     )
     band: Band | None = field(metadata=_part("fitting the band law", needs="curves"), default=None)
     design: AdmissibleCouplings | None = field(

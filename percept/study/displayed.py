@@ -193,7 +193,7 @@ class Displayed(Inferred):
         return tuple(band_pairs(self.boundaries))
 
     @cached_property
-    def coupling(self) -> Coupling | None:
+    def coupling_row(self) -> Coupling | None:
         """The coupling by the paper, Eq. 10 and its rule; None without device and coupling."""
         setup = self._device_and_coupling
         if setup is None or setup.coupling is None:

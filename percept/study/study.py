@@ -15,7 +15,16 @@ import pandas as pd
 from percept import results
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import fields_html
-from percept.results import Beside, Checks, Diagnostics, Part, Provenance, Results, Skipped
+from percept.results import (
+    Beside,
+    Checks,
+    Coupling,
+    Diagnostics,
+    Part,
+    Provenance,
+    Results,
+    Skipped,
+)
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study import records
@@ -48,7 +57,7 @@ _KEPT = {
     "regions": "regions",
     "boundaries": "boundaries",
     "band": "band",
-    "coupling": "coupling",
+    "coupling_row": "coupling",
     "coupling_map": "coupling_map",
     "other_devices": "other_devices",
     "ladder": "ladder",
@@ -271,6 +280,18 @@ class Study(Displayed):
 
         return tuple(decide(self.results()))
 
+    @property
+    def coupling(self) -> Coupling:
+        """The coupling by the paper, Eq. 10 and its rule; RefusalError without a coupling."""
+        if self.coupling_row is None:
+            skipped = self.skipped_before_curves
+            why = next((part.why for part in skipped if part.what.startswith("coupling")), "")
+            raise RefusalError(
+                f"there is no coupling: {why or 'the scene has no [device]'}.",
+                hint="Give the scene a [device] and a [coupling].",
+            )
+        return self.coupling_row
+
     def _posterior_file(self) -> bytes | None:
         """Return the posterior as netCDF; None without one."""
         from percept.study.posterior import netcdf
@@ -325,13 +346,6 @@ class Study(Displayed):
         """Plot the paper's criterion for the coupling (Eq. 10) over omega, rad/s."""
         from percept.plots import plot_coupling
 
-        if self.coupling is None:
-            skipped = self.skipped_before_curves
-            why = next((part.why for part in skipped if part.what.startswith("coupling")), "")
-            raise RefusalError(
-                f"there is no coupling: {why or 'the scene has no [device]'}.",
-                hint="Give the scene a [device] and a [coupling].",
-            )
         return plot_coupling(self.coupling, ax=ax)
 
     def plot_check(self, *, ax: Any = None) -> Any:

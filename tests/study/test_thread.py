@@ -113,7 +113,7 @@ def test_nothing_is_computed_for_what_the_scene_leaves_out():
         read_sessions(DATASETS / "hbfd_sessions.csv"), Scene().with_inference(method="classical")
     )
     assert bare.boundaries == ()
-    assert bare.coupling is None
+    assert bare.coupling_row is None
     assert bare.posterior is None
     what = {part.what: part.why for part in bare.skipped_rows}
     assert what["boundaries of Z_h"] == "the scene has no [device]"

@@ -31,20 +31,20 @@ STAGES = {
     "curve_laws",
     "boundaries",
     "other_devices",
-    "coupling",
-    "verdicts",
+    "coupling_row",
+    "verdict_rows",
     "coupling_map",
     "band",
 }
-CURVES = {"curve_laws", "boundaries", "verdicts", "other_devices", "coupling_map"}
+CURVES = {"curve_laws", "boundaries", "verdict_rows", "other_devices", "coupling_map"}
 
 
 @pytest.mark.parametrize(
     ("scene", "left_out"),
     [
         pytest.param("nothing", set(), marks=pytest.mark.evidence),
-        pytest.param("coupling", {"coupling", "coupling_map"}, marks=pytest.mark.evidence),
-        ("device", CURVES | {"coupling", "regions"}),
+        pytest.param("coupling", {"coupling_row", "coupling_map"}, marks=pytest.mark.evidence),
+        ("device", CURVES | {"coupling_row", "regions"}),
         # Its own band law stays: the band against its reference.
         ("one parameter", CURVES | {"regions"}),
         ("all but one environment", {"band"}),
