@@ -25,7 +25,7 @@ _PERCEPT = ("-m", "percept")
 _WITHOUT_FIGURES = """
 import sys
 import percept.report.figures
-percept.report.figures.drawings = lambda results: []
+percept.report.figures.drawings = lambda *_: []
 from percept.cli import main
 sys.exit(main(sys.argv[1:]))
 """
