@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import fields
 from functools import partial
@@ -26,7 +26,7 @@ from percept.results import (
     Skipped,
 )
 from percept.scene import Scene
-from percept.sessions import Sessions
+from percept.sessions import Sessions, read_sessions
 from percept.study import records
 from percept.study.basics import select
 from percept.study.conditions import told_apart
@@ -78,8 +78,8 @@ class Study(Displayed):
 
     Parameters
     ----------
-    sessions : Sessions
-        What the reader gave.
+    sessions : Sessions, path, sequence of paths or DataFrame
+        What the reader gave, or what `read_sessions` is to read as the scene says.
     scene : Scene, str or Path, optional
         What to analyse, or the file that says so; defaults throughout.
     progress : callable, optional
@@ -91,27 +91,30 @@ class Study(Displayed):
     Raises
     ------
     UsageError
-        Anything but Sessions, or sessions that were read without what the scene says on data.
+        What cannot be read, or sessions that were read without what the scene says on data.
     RefusalError
         From the properties, where the data cannot carry the analysis.
     """
 
     def __init__(
         self,
-        sessions: Sessions,
+        sessions: Sessions | str | Path | pd.DataFrame | Sequence[str | Path],
         scene: Scene | str | Path | None = None,
         *,
         progress: Callable[[Progress], None] | None = None,
         store: RunStore | None = None,
     ) -> None:
-        if not isinstance(sessions, Sessions):
-            raise UsageError(
-                f"a study is of Sessions, not of {type(sessions).__name__}.",
-                hint="read_sessions reads files, Sessions.from_frame takes a DataFrame.",
-            )
         if isinstance(scene, str | Path):
             scene = Scene.load(scene)
         scene = scene or Scene()
+        if isinstance(sessions, str | Path | pd.DataFrame):
+            sessions = read_sessions(sessions, scene=scene)
+        elif not isinstance(sessions, Sessions | Sequence):
+            kind = type(sessions).__name__
+            hint = "Give Sessions, files or a DataFrame."
+            raise UsageError(f"a study is of sessions, not of {kind}.", hint=hint)
+        elif not isinstance(sessions, Sessions):
+            sessions = read_sessions(*sessions, scene=scene)
         sessions.options.require(scene)
         if len(sessions.environments) > _MOST_ENVIRONMENTS:
             raise RefusalError(

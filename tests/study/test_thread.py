@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from percept import RefusalError, Scene, Study, read_sessions
+from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.results import Skipped
 from percept.sessions import Sessions
 from tests import DATASETS
@@ -231,3 +231,23 @@ def test_posterior_keeps_named_dimensions(fitted):
     spread = draws.std(axis=(0, 1))
     error = spread / np.sqrt(draws.shape[0] * draws.shape[1] / 4)
     assert np.all(np.abs(draws.mean(axis=(0, 1)) - laws_mean) < 5 * error)
+
+
+def test_a_study_reads_files_and_tables_as_its_scene_says(tmp_path):
+    frame = pd.DataFrame(
+        {
+            "subject": ["Ann", "Ben", "Cem"],
+            "wall": ["soft"] * 3,
+            "k_ref": [500.0] * 3,
+            "k_adj": [560.0, 470.0, 530.0],
+        }
+    )
+    frame.to_csv(tmp_path / "walls.csv", index=False)
+    scene = tmp_path / "scene.toml"
+    scene.write_text('columns = { environment = "wall" }\ninference = { method = "classical" }\n')
+    of_file = Study(tmp_path / "walls.csv", scene)
+    assert of_file.sessions.environments == ["soft"]
+    for given in ([tmp_path / "walls.csv"], frame):
+        pd.testing.assert_frame_equal(Study(given, scene).intervals, of_file.intervals)
+    with pytest.raises(UsageError, match=r"of sessions, not of int\. Give Sessions, files"):
+        Study(5)
