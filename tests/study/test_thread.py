@@ -246,7 +246,7 @@ def test_a_study_reads_files_and_tables_as_its_scene_says(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text('columns = { environment = "wall" }\ninference = { method = "classical" }\n')
     of_file = Study(tmp_path / "walls.csv", scene)
-    assert of_file.sessions.environments == ["soft"]
+    assert of_file.sessions.environments == ("soft",)
     for given in ([tmp_path / "walls.csv"], frame):
         pd.testing.assert_frame_equal(Study(given, scene).intervals, of_file.intervals)
     with pytest.raises(UsageError, match=r"of sessions, not of int\. Give Sessions, files"):
