@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import re
 import time
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -259,8 +258,7 @@ def written(
     rows = []
     for study, groups in by_study.items():
         says = f"{study}: {STUDIES.get(study, study)}. Left and down is better."
-        file = re.sub(r"\W+", "-", study)
-        page.figure(out, f"time-{file}", figure(groups.values()), says)
+        page.figure(out, f"time-{study.replace(' ', '-')}", figure(groups.values()), says)
         for engine, group in groups.items():
             ours = None if engine == _OURS else groups.get(_OURS)
             reached.append([study, ENGINES[engine].title, *time_cells(group, ours)])
