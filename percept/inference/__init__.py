@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from percept.inference.classical.intervals import (
-    bias,
     prediction_interval,
     t_interval,
     tolerance_interval,
@@ -16,7 +15,6 @@ from percept.inference.record import Interval
 __all__ = [
     "Interval",
     "Moments",
-    "bias",
     "check_normality",
     "prediction_interval",
     "t_interval",

@@ -19,7 +19,6 @@ __all__ = [
     "Joint",
     "Kind",
     "Method",
-    "Side",
     "percent",
 ]
 
@@ -27,7 +26,6 @@ Kind: TypeAlias = Literal["mean", "user", "share"]
 Method: TypeAlias = Literal["classical", "bayesian"]
 Family: TypeAlias = Literal["normal", "lognormal"]
 Joint: TypeAlias = Literal["marginal", "bonferroni"]
-Side: TypeAlias = Literal["both", "lower", "upper"]
 FloatOrArray: TypeAlias = float | NDArray[np.float64]
 
 #: The columns of an interval in tables and in report.json, between environment, parameter and
@@ -36,11 +34,6 @@ ROW = (
     "kind", "method", "family", "joint", "level", "share", "confidence",
     "lower", "upper", "estimate", "n", "unit", "covers",
 )  # fmt: skip
-_WHERE = {
-    "both": "between the limits",
-    "lower": "above the lower limit",
-    "upper": "below the upper limit",
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +53,7 @@ class Interval:
     level : float
         Confidence or credibility asked for; 0 to 1.
     lower, upper : float or ndarray
-        Limits, in `unit`. A one-sided interval is infinite (or 0, lognormal) on its open side.
+        Limits, in `unit`.
     estimate : float or ndarray
         Mean or geometric mean (lognormal) of the users, in `unit`.
     n : int or ndarray of int
@@ -74,8 +67,6 @@ class Interval:
         For kind ``"share"``: at least `share` of the users, with `confidence`. None otherwise.
     joint : {"marginal", "bonferroni"}
         ``"bonferroni"``: widened so that the intervals of k and b hold together at `level`.
-    side : {"both", "lower", "upper"}
-        Which limits are stated.
     expected_share : float or ndarray, optional
         For kind ``"mean"``: share of users the interval holds on average over studies.
     repeats : bool, optional
@@ -105,7 +96,6 @@ class Interval:
     share: float | None = None
     confidence: float | None = None
     joint: Joint = "marginal"
-    side: Side = "both"
     expected_share: FloatOrArray | None = None
     repeats: bool | None = None
     approximate: bool = False
@@ -147,18 +137,19 @@ class Interval:
         return fields_html(row, caption=row.pop("covers"))
 
     def _statement(self, user: str, users: str) -> str:
-        where = _WHERE[self.side]
         level = self.level if self.confidence is None else self.confidence
         sure = f"{percent(level)} confidence"
         if self.method == "bayesian":
             sure = f"{percent(level)} probability under the model and its priors"
         if self.share is not None:
-            return f"At least {percent(self.share)} of all {users} lie {where}, with {sure}"
+            return (
+                f"At least {percent(self.share)} of all {users} lie between the limits, with {sure}"
+            )
         average = f"average {user}'s value"
         if self.family == "lognormal":
             average = f"typical {user}'s value (the geometric mean of all {users})"
         who = average if self.kind == "mean" else f"next {user}'s value"
-        return f"The {who} lies {where}, with {sure}"
+        return f"The {who} lies between the limits, with {sure}"
 
     def _basis(self, users: str) -> list[str]:
         fewest = int(np.min(self.n))

@@ -65,10 +65,6 @@ class EllipseRegion(NotebookRecord):
             x = np.log(x, out=np.full_like(x, -np.inf), where=x > 0.0)
         return (x - self.centre[parameter]) / self.sd[parameter]
 
-    def contains(self, stiffness: ArrayLike, damping: ArrayLike) -> NDArray[np.bool_]:
-        """Say which points lie inside, the curve included."""
-        return self.distance(stiffness, damping) <= self.radius
-
 
 def ellipse_region(
     stiffness: ArrayLike,

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from percept.haptics import Coupling, Environment
-from percept.inference import Moments, bias, t_interval, tolerance_factor
+from percept.inference import Moments, t_interval, tolerance_factor
 from reports.hbfd.devices import BoolArray, direct_inside, largest, share_true
 from reports.hbfd.published import LOOKED_AT, Array, Evidence, Published, evidence
 
@@ -52,9 +52,9 @@ def table_1(published: Published) -> Evidence:
 def reference_inside(published: Published) -> Evidence:
     """Judge whether the reference's curve runs between the boundaries (Fig. 5)."""
     references = np.array(published.limits.reference, dtype=float)
-    ratios = bias(published.limits.moments, references, level=published.limits.level)
-    below = np.asarray(ratios.upper) < 1.0
-    above = np.asarray(ratios.lower) > 1.0
+    mean = t_interval(published.limits.moments, level=published.limits.level)
+    below = mean.upper < references
+    above = mean.lower > references
     outside_limits = below | above
     outside = _names(published)[outside_limits.ravel()].tolist()
     shares = {}

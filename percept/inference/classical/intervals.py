@@ -9,22 +9,17 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from percept.errors import RefusalError
-from percept.html import NotebookRecord
 from percept.inference.classical.moments import (
     Moments,
     check_option,
-    finite_values,
-    fitted,
     plain,
     tail_of,
 )
 from percept.inference.classical.tolerance import factor_of_tails
-from percept.inference.record import Family, FloatOrArray, Interval, Joint, Kind, Side, percent
+from percept.inference.record import Family, Interval, Joint, Kind
 
 __all__ = [
     "Claim",
-    "Ratio",
-    "bias",
     "family_moments",
     "interval_of",
     "prediction_interval",
@@ -44,29 +39,7 @@ class Claim:
     confidence: float = 0.95
     family: Family = "normal"
     joint: Joint = "marginal"
-    side: Side = "both"
     unit: str = ""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Ratio(NotebookRecord):
-    """The average user over the reference, unit-free, with its equal-tailed interval."""
-
-    estimate: FloatOrArray
-    lower: FloatOrArray
-    upper: FloatOrArray
-    level: float
-    family: Family  # Under "lognormal" the average is the geometric mean
-    n: int | NDArray[np.int64]  # Subjects
-
-    @property
-    def covers(self) -> str:
-        """One plain sentence saying what the interval covers."""
-        who = "average user's value"
-        if self.family == "lognormal":
-            who = "typical (geometric-mean) user's value"
-        sure = f"{percent(self.level)} confidence"
-        return f"The {who} divided by the reference lies between the limits, with {sure}."
 
 
 def t_interval(
@@ -75,7 +48,6 @@ def t_interval(
     level: float = 0.99,
     family: Family = "normal",
     joint: Joint = "marginal",
-    side: Side = "both",
     unit: str = "",
 ) -> Interval:
     """Work out the interval of the average user, kind ``"mean"`` (Eq. 15): mean ± t·SD/√n.
@@ -97,8 +69,6 @@ def t_interval(
         lognormal ones by moment matching.
     joint : {"marginal", "bonferroni"}
         ``"bonferroni"``: level 1 − (1 − level)/2, so that the intervals of k and b hold together.
-    side : {"both", "lower", "upper"}
-        Both limits, equal-tailed, or one.
     unit : str
         Unit of the values, for the sentence.
 
@@ -114,7 +84,7 @@ def t_interval(
     RefusalError
         Fewer than 2 subjects, no scatter, zero or negative values under ``"lognormal"``.
     """
-    claim = Claim(level=level, family=family, joint=joint, side=side, unit=unit)
+    claim = Claim(level=level, family=family, joint=joint, unit=unit)
     return interval_of("mean", x, claim)
 
 
@@ -124,14 +94,13 @@ def prediction_interval(
     level: float = 0.99,
     family: Family = "normal",
     joint: Joint = "marginal",
-    side: Side = "both",
     unit: str = "",
 ) -> Interval:
     """Work out the interval of the next user, kind ``"user"``: mean ± t·SD·√(1 + 1/n).
 
     Parameters
     ----------
-    x, level, family, joint, side, unit
+    x, level, family, joint, unit
         As `t_interval`.
 
     Returns
@@ -144,7 +113,7 @@ def prediction_interval(
     UsageError, RefusalError
         As `t_interval`.
     """
-    claim = Claim(level=level, family=family, joint=joint, side=side, unit=unit)
+    claim = Claim(level=level, family=family, joint=joint, unit=unit)
     return interval_of("user", x, claim)
 
 
@@ -156,14 +125,13 @@ def tolerance_interval(
     confidence: float = 0.95,
     family: Family = "normal",
     joint: Joint = "marginal",
-    side: Side = "both",
     unit: str = "",
 ) -> Interval:
     """Work out the interval of at least `share` of all users, kind ``"share"``.
 
     Parameters
     ----------
-    x, level, family, side, unit
+    x, level, family, unit
         As `t_interval`.
     share : float, optional
         Share of all users; `level` where not given.
@@ -189,7 +157,6 @@ def tolerance_interval(
         confidence=confidence,
         family=family,
         joint=joint,
-        side=side,
         unit=unit,
     )
     return interval_of("share", x, claim)
@@ -222,7 +189,6 @@ def interval_of(
         As `tolerance_interval`.
     """
     check_option("joint", claim.joint, ("marginal", "bonferroni"))
-    check_option("side", claim.side, ("both", "lower", "upper"))
     moments, approximate = family_moments(x, claim.family)
     mean = np.asarray(moments.mean)
     n = np.asarray(moments.n)
@@ -237,10 +203,6 @@ def interval_of(
     half_width = factor * np.asarray(moments.sd)
     lower = mean - half_width
     upper = mean + half_width
-    if claim.side == "upper":
-        lower = np.full_like(mean, -np.inf)
-    if claim.side == "lower":
-        upper = np.full_like(mean, np.inf)
     ends = np.stack([lower, mean, upper])
     if claim.family == "lognormal":
         with np.errstate(over="ignore"):  # a limit beyond the largest double is infinite
@@ -261,8 +223,7 @@ def interval_of(
         share=share if kind == "share" else None,
         confidence=claim.confidence if kind == "share" else None,
         joint=claim.joint,
-        side=claim.side,
-        expected_share=plain(_expected_share(t, n, claim.side)) if kind == "mean" else None,
+        expected_share=plain(_expected_share(t, n)) if kind == "mean" else None,
         repeats=moments.repeats,
         approximate=approximate,
         unit=claim.unit,
@@ -272,9 +233,7 @@ def interval_of(
 def _t_quantile(n: NDArray[np.int64], claim: Claim) -> Array:
     """Quantile of t at the level, n - 1 degrees of freedom."""
     tail = tail_of(claim.level, joint=claim.joint)
-    if claim.side == "both":
-        tail /= 2.0
-    return -np.asarray(special.stdtrit(n - 1.0, tail), dtype=float)
+    return -np.asarray(special.stdtrit(n - 1.0, tail / 2.0), dtype=float)
 
 
 def _share_factor(
@@ -285,8 +244,7 @@ def _share_factor(
     """Half-width of a tolerance interval, in SDs."""
     outside = tail_of(share, "share", joint=claim.joint)
     miss = tail_of(claim.confidence, "confidence", joint=claim.joint)
-    sided = "two" if claim.side == "both" else "one"
-    return np.asarray(factor_of_tails(n, outside, miss, sided=sided))
+    return np.asarray(factor_of_tails(n, outside, miss))
 
 
 def family_moments(x: ArrayLike | Moments, family: Family) -> tuple[Moments, bool]:
@@ -312,71 +270,11 @@ def family_moments(x: ArrayLike | Moments, family: Family) -> tuple[Moments, boo
     return moments, approximate
 
 
-def bias(
-    x: ArrayLike | Moments,
-    reference: ArrayLike,
-    *,
-    level: float = 0.99,
-    family: Family = "normal",
-) -> Ratio:
-    """Compare the average user with the reference, as a ratio.
-
-    Parameters
-    ----------
-    x : array_like or Moments
-        One value per subject, shape (..., n), or moments of shape (...).
-    reference : array_like
-        What was shown, in the unit of `x`; positive; a shape that broadcasts with (...).
-    level, family
-        As `t_interval`.
-
-    Returns
-    -------
-    Ratio
-        With estimate, lower and upper of shape (...), 1 being no bias.
-
-    Raises
-    ------
-    UsageError, RefusalError
-        As `t_interval`; a reference that is not positive has no ratio.
-    """
-    mean = t_interval(x, level=level, family=family)
-    ends = np.stack([np.asarray(end) for end in (mean.estimate, mean.lower, mean.upper)])
-    estimate, lower, upper = _over_reference(ends, reference)
-    return Ratio(
-        estimate=estimate,
-        lower=lower,
-        upper=upper,
-        level=level,
-        family=family,
-        n=mean.n,
-    )
-
-
-def _expected_share(
-    t: Array,
-    n: NDArray[np.int64],
-    side: Side,
-) -> Array:
+def _expected_share(t: Array, n: NDArray[np.int64]) -> Array:
     """Share of users that mean ± t·SD/√n holds on average over studies."""
     df = n - 1.0
     # The next user differs from the mean by SD·√(1 + 1/n) times a t.
     within = t / np.sqrt(n + 1.0)
-    if side != "both":
-        return np.asarray(special.stdtr(df, within), dtype=float)
     # One less twice the tail would lose what a small t holds.
     fraction = within**2 / (df + within**2)
     return np.asarray(special.betainc(0.5, df / 2.0, fraction), dtype=float)
-
-
-def _over_reference(ends: Array, reference: ArrayLike) -> list[FloatOrArray]:
-    """Divide the estimate and both limits (3, ...) by references that have a ratio."""
-    references = finite_values(reference, name="references")
-    if (references <= 0.0).any():
-        raise RefusalError(
-            "A reference of zero or below has no ratio.",
-            value=float(references.min()),
-            hint="Leave this parameter of this environment out.",
-        )
-    fitted("References and samples", references, ends[0])
-    return [plain(end / references) for end in ends]

@@ -1,12 +1,12 @@
 """How many standard deviations hold a stated share of a normal population, with stated confidence.
 
-Two-sided, the factor c solves, with ν = n − 1 and Φ(x + r) − Φ(x − r) = P defining r(x),
+The two-sided factor c solves, with ν = n − 1 and Φ(x + r) − Φ(x − r) = P defining r(x),
 
     ∫₀^∞ P(χ²_ν < ν r(x)²/c²) · 2 √(n/2π) exp(−n x²/2) dx = 1 − γ.
 
 The left side is the chance that the interval holds too little. Through the lower tail of χ² it is a
 sum of positive terms as small as 1 − γ itself, so nothing cancels however close γ is to one. P
-enters through its tail 1 − P likewise. One-sided, the factor is a quantile of the noncentral t.
+enters through its tail 1 − P likewise.
 """
 
 from __future__ import annotations
@@ -14,13 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from percept.inference.classical.moments import check_option, fitted, plain, subject_counts, tails
+from percept.inference.classical.moments import fitted, plain, subject_counts, tails
 from percept.inference.record import FloatOrArray
 
 __all__ = ["factor_of_tails", "tolerance_factor"]
@@ -42,13 +41,10 @@ def tolerance_factor(
     n: ArrayLike,
     share: ArrayLike,
     confidence: ArrayLike,
-    *,
-    sided: Literal["two", "one"] = "two",
 ) -> FloatOrArray:
     """Work out the exact factor of a normal tolerance interval.
 
-    Mean ± factor·SD holds at least `share` of the population with `confidence`; one-sided, so does
-    everything below mean + factor·SD (or above mean − factor·SD).
+    Mean ± factor·SD holds at least `share` of the population with `confidence`.
 
     Parameters
     ----------
@@ -58,8 +54,6 @@ def tolerance_factor(
         Share P of the population; 0 to 1, exclusive.
     confidence : float or array_like
         Confidence γ; 0 to 1, exclusive.
-    sided : {"two", "one"}
-        Whether both limits are set together or only one.
 
     Returns
     -------
@@ -78,38 +72,25 @@ def tolerance_factor(
     ISO 16269-6:2014; Krishnamoorthy and Mathew, Statistical Tolerance Regions, sections 2.2 and
     2.3.
     """
-    check_option("sided", sided, ("two", "one"))
     beta = tails(share, "share")
     alpha = tails(confidence, "confidence")
-    return factor_of_tails(subject_counts(n), beta, alpha, sided=sided)
+    return factor_of_tails(subject_counts(n), beta, alpha)
 
 
-def factor_of_tails(
-    n: ArrayLike,
-    beta: ArrayLike,
-    alpha: ArrayLike,
-    *,
-    sided: str = "two",
-) -> FloatOrArray:
-    """Factor from the tails beta = 1 − P and alpha = 1 − γ; options as `tolerance_factor`."""
+def factor_of_tails(n: ArrayLike, beta: ArrayLike, alpha: ArrayLike) -> FloatOrArray:
+    """Factor from the tails beta = 1 − P and alpha = 1 − γ, which broadcast with n."""
     arrays = [np.asarray(argument) for argument in (n, beta, alpha)]
-    n, beta, alpha = fitted("n, share and confidence", *arrays)
-    if sided == "two":
-        factors = np.vectorize(_two_sided, otypes=[float])
-        return plain(factors(n, beta, alpha))
-    # The mirrored distribution has the small probability in its lower tail, and keeps its digits.
-    root_n = np.sqrt(n)
-    quantile = special.nctdtrit(n - 1.0, root_n * special.ndtri(beta), alpha)
-    return plain(-quantile / root_n)
+    factors = np.vectorize(_factor, otypes=[float])
+    return plain(factors(*fitted("n, share and confidence", *arrays)))
 
 
 @lru_cache(_REMEMBERED)
-def _two_sided(
+def _factor(
     n: float,
     beta: float,
     alpha: float,
 ) -> float:
-    """Two-sided factor for n subjects."""
+    """Factor for n subjects."""
     half_df = (n - 1.0) / 2.0
     root_n = math.sqrt(n)
     node, weight = _legendre(_NODES)

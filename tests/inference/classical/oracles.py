@@ -20,23 +20,22 @@ TABLE = Path(__file__).with_name("tolerance_factors.json")
 DIGITS = 20
 
 
-def factor(n: int, share: float, confidence: float, *, sided: str = "two") -> tuple[mp.mpf, float]:
+def factor(n: int, share: float, confidence: float) -> tuple[mp.mpf, float]:
     """Return the factor to 15 digits and more, and the relative error of the package's.
 
     One Newton step on the 20-digit residual: an error of 1e-8 would be squared, and only the slope
     of the step is the package's own.
     """
-    c = tolerance_factor(n, share, confidence, sided=sided)
+    c = tolerance_factor(n, share, confidence)
     delta = 1e-4 * (1.0 - confidence)
-    ends = tolerance_factor(n, share, [confidence - delta, confidence + delta], sided=sided)
-    enough = two_sided_confidence if sided == "two" else one_sided_confidence
+    ends = tolerance_factor(n, share, [confidence - delta, confidence + delta])
     with mp.workdps(DIGITS):
-        residual = enough(n, share, mp.mpf(c)) - mp.mpf(confidence)
+        residual = confidence_of(n, share, mp.mpf(c)) - mp.mpf(confidence)
         exact = c - residual * mp.mpf(float(ends[1] - ends[0])) / mp.mpf(2 * delta)
         return exact, float((c - exact) / exact)
 
 
-def two_sided_confidence(n: int, share: float, c: mp.mpf) -> mp.mpf:
+def confidence_of(n: int, share: float, c: mp.mpf) -> mp.mpf:
     """Return the probability that mean ± c·SD holds at least `share`."""
     outside = 1 - mp.mpf(share)
     least = mp.sqrt(2) * mp.erfinv(mp.mpf(share)) / c
@@ -48,21 +47,6 @@ def two_sided_confidence(n: int, share: float, c: mp.mpf) -> mp.mpf:
 
     pieces = [mp.sqrt(s - least) for s in _pieces(n, least, least)]
     return mp.quad(given_root, pieces, method="gauss-legendre", maxdegree=6)
-
-
-def one_sided_confidence(n: int, share: float, c: mp.mpf) -> mp.mpf:
-    """Return the probability that mean + c·SD is above the `share` quantile: noncentral t."""
-    quantile = mp.sqrt(2) * mp.erfinv(2 * mp.mpf(share) - 1)
-
-    def given_sd(s: mp.mpf) -> mp.mpf:
-        return sd_density(n, s) * mp.ncdf((c * s - quantile) * mp.sqrt(n))
-
-    return mp.quad(
-        given_sd,
-        _pieces(n, mp.mpf(0), (abs(quantile) + 1 / mp.sqrt(n)) / c / 4),
-        method="gauss-legendre",
-        maxdegree=6,
-    )
 
 
 def sd_density(n: int, s: mp.mpf) -> mp.mpf:
@@ -113,13 +97,10 @@ def grid() -> list[tuple[int, float, float]]:
 
 def main() -> None:
     rows = []
-    for sided in ("two", "one"):
-        for n, share, confidence in grid():
-            if sided == "one" and share == confidence == 0.5:
-                continue  # 0, by symmetry
-            exact, error = factor(n, share, confidence, sided=sided)
-            rows.append([sided, n, share, confidence, mp.nstr(exact, 17)])
-            sys.stderr.write(f"{rows[-1]} {error:.1e}\n")
+    for n, share, confidence in grid():
+        exact, error = factor(n, share, confidence)
+        rows.append([n, share, confidence, mp.nstr(exact, 17)])
+        sys.stderr.write(f"{rows[-1]} {error:.1e}\n")
     TABLE.write_text(json.dumps(rows).replace("], [", "],\n["), encoding="utf-8")
 
 

@@ -11,10 +11,8 @@ from scipy.special import stdtrit
 from percept.errors import RefusalError, UsageError
 from percept.inference import (
     Moments,
-    bias,
     prediction_interval,
     t_interval,
-    tolerance_factor,
     tolerance_interval,
 )
 from percept.inference.classical.tolerance import factor_of_tails
@@ -57,18 +55,6 @@ def test_the_share_of_users_an_interval_of_the_mean_holds(n, share):
     assert t_interval(Moments(0.0, 1.0, n)).expected_share == pytest.approx(share, abs=5e-5)
 
 
-@pytest.mark.parametrize("side", ["lower", "upper"])
-def test_the_expected_share_of_a_one_sided_interval_against_quadrature(side):
-    n = 10
-    t = stats.t.isf(0.01, n - 1)
-    grid, weight = np.polynomial.legendre.leggauss(80)
-    s = 2.0 * (grid + 1.0)  # the SD, in the users' own; beyond 4 of them lies less than 1e-20
-    # The next user less the sample's mean has an SD of sqrt(1 + 1/n).
-    held = stats.norm.cdf(t * s / np.sqrt(n + 1.0)) * 3.0 * stats.chi.pdf(3.0 * s, n - 1)
-    found = t_interval(Moments(0.0, 1.0, n), side=side).expected_share
-    assert found == pytest.approx(2.0 * (weight * held).sum(), rel=1e-11)
-
-
 @pytest.mark.parametrize("n", [2, 5, 30, 10**6, 10**9])
 @pytest.mark.parametrize("level", [1e-12, 1e-3, 0.5, 0.99])
 def test_the_expected_share_keeps_its_digits_near_zero(n, level):
@@ -102,23 +88,6 @@ def test_many_at_once_are_each_alone(make, family):
         assert together.lower[i, j] == pytest.approx(alone.lower, rel=1e-14)
         assert together.upper[i, j] == pytest.approx(alone.upper, rel=1e-14)
     assert together.covers == alone.covers
-
-
-@pytest.mark.parametrize("make", KINDS)
-@pytest.mark.parametrize("family", ["normal", "lognormal"])
-def test_one_sided_limits_are_those_of_an_equal_tailed_interval_of_twice_the_tail(make, family):
-    if make is tolerance_interval:
-        factor = tolerance_factor(10, 0.99, 0.95, sided="one")
-        below = make(X, side="lower", family=family)
-        assert below.factor == factor
-    else:
-        both = make(X, level=0.75, family=family)
-        below = make(X, level=0.875, side="lower", family=family)
-        assert below.lower == both.lower
-    above = make(X, side="upper", family=family)
-    assert below.upper == np.inf
-    assert above.lower == (0.0 if family == "lognormal" else -np.inf)
-    assert above.upper > below.lower
 
 
 @pytest.mark.parametrize("make", [t_interval, prediction_interval])
@@ -162,7 +131,6 @@ def test_published_limits_under_lognormal_are_approximate(make):
             UsageError,
             'joint must be one of "marginal", "bonferroni"',
         ),
-        ([1.0, 2.0], {"side": "left"}, UsageError, 'side must be one of "both", "lower", "upper"'),
         (Moments(0.0, 1.0, 5, scale="log"), {}, UsageError, "moments of logarithms"),
     ],
 )
@@ -197,47 +165,3 @@ def test_a_change_of_unit_and_origin_changes_nothing_else(values, power, origin)
         assert (turned.lower, turned.upper) == (-plain.upper, -plain.lower)
         assert plain.lower < plain.mean < plain.upper
     assert t_interval(x).upper < prediction_interval(x).upper
-
-
-@pytest.mark.parametrize("family", ["normal", "lognormal"])
-def test_bias_is_the_interval_over_the_reference(family):
-    found, interval = bias(X, 10.0, family=family), t_interval(X, family=family)
-    assert (found.estimate, found.lower, found.upper) == pytest.approx(
-        (interval.estimate / 10, interval.lower / 10, interval.upper / 10), rel=1e-15
-    )
-
-
-def test_six_of_ten_published_references_lie_outside():
-    lower = np.array([10.808, 0.0356, 944.85, 1.2404, 8979.9, 8.188, 23316, 21.447, 39498, 79.933])
-    upper = np.array([19.02, 1.3335, 1017.2, 1.5316, 9954.1, 13.146, 24968, 27.549, 47829, 112.34])
-    reference = np.array([10, 0.1, 1000, 1, 10000, 10, 25000, 25, 50000, 50.0])
-    found = bias(Moments.from_limits(lower, upper, 10), reference)
-    held = (found.lower <= 1) & (found.upper >= 1)
-    assert np.flatnonzero(held).tolist() == [1, 2, 5, 7]
-    assert found.lower == pytest.approx(lower / reference, rel=1e-14)
-
-
-def test_ratios_say_what_they_are():
-    said = "divided by the reference lies between the limits, with 99 % confidence."
-    assert bias(X, 10.0).covers == f"The average user's value {said}"
-    assert (
-        bias(X, 10.0, family="lognormal").covers
-        == f"The typical (geometric-mean) user's value {said}"
-    )
-
-
-@pytest.mark.parametrize(
-    ("reference", "error", "message"),
-    [
-        (0.0, RefusalError, "zero or below has no ratio"),
-        (
-            [1.0, 2.0],
-            UsageError,
-            r"References and samples have shapes that do not fit: \(2,\), \(3,\)",
-        ),
-        (np.nan, UsageError, "references must be finite"),
-    ],
-)
-def test_a_reference_that_cannot_be_divided_by(reference, error, message):
-    with pytest.raises(error, match=message):
-        bias([X, X, X], reference)

@@ -3,7 +3,6 @@ import json
 import mpmath as mp
 import numpy as np
 import pytest
-from scipy import stats
 
 from percept.errors import RefusalError, UsageError
 from percept.inference import tolerance_factor
@@ -16,28 +15,26 @@ REFERENCE = json.loads(oracles.TABLE.read_text(encoding="utf-8"))
 
 
 def test_the_reference_table_is_wide_enough():
-    assert len(REFERENCE) >= 400
-    assert {row[1] for row in REFERENCE} >= {2, 10**6}
-    assert {row[2] for row in REFERENCE} == {row[3] for row in REFERENCE} >= {0.5, 0.9999}
+    assert len(REFERENCE) >= 200
+    assert {row[0] for row in REFERENCE} >= {2, 10**6}
+    assert {row[1] for row in REFERENCE} == {row[2] for row in REFERENCE} >= {0.5, 0.9999}
 
 
-@pytest.mark.parametrize("sided", ["two", "one"])
-def test_factors_against_quadrature_in_20_digits(sided):
-    rows = [row for row in REFERENCE if row[0] == sided]
-    _, n, share, confidence, exact = zip(*rows, strict=True)
-    factors = tolerance_factor(n, share, confidence, sided=sided)
+def test_factors_against_quadrature_in_20_digits():
+    n, share, confidence, exact = zip(*REFERENCE, strict=True)
+    factors = tolerance_factor(n, share, confidence)
     truth = np.array([float(text) for text in exact])
     assert np.abs(factors / truth - 1.0).max() <= 1e-13
 
 
-REMADE = REFERENCE[::10] if LONG else [REFERENCE[i] for i in (8, 87, 240, 300)]
+REMADE = REFERENCE[::10] if LONG else [REFERENCE[i] for i in (8, 87, 150, 240)]
 
 
 @pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("row", REMADE, ids=str)
 def test_the_reference_table_can_be_made_again(row):
-    sided, n, share, confidence, text = row
-    exact, error = oracles.factor(n, share, confidence, sided=sided)
+    n, share, confidence, text = row
+    exact, error = oracles.factor(n, share, confidence)
     assert abs(exact / mp.mpf(text) - 1) <= 1e-15
     assert abs(error) <= 1e-13
 
@@ -62,32 +59,18 @@ def test_published_factors(n, share, confidence, printed):
     assert 0.0 <= float(printed) - factor <= 10.0**-digits or f"{factor:.{digits}f}" == printed
 
 
-@pytest.mark.parametrize("n", [2, 3, 10, 1000, 10**6])
-@pytest.mark.parametrize("confidence", [0.51, 0.9, 0.999])
-def test_one_sided_at_the_median_is_students_t(n, confidence):
-    factor = tolerance_factor(n, 0.5, confidence, sided="one")
-    assert factor == pytest.approx(stats.t.isf(1.0 - confidence, n - 1) / np.sqrt(n), rel=5e-13)
-
-
 @pytest.mark.parametrize("tail", [1e-6, 1e-12])
 def test_tails_that_a_double_cannot_say_from_one(tail):
-    # one-sided at the median is Student's t, here in 30 digits
-    factor = factor_of_tails(9, 0.5, tail, sided="one")
-    with mp.workdps(30):
-        t2 = mp.mpf(factor) ** 2 * 9
-        above = mp.betainc(4, mp.mpf("0.5"), 0, 8 / (8 + t2), regularized=True) / 2
-        assert float(above) == pytest.approx(tail, rel=1e-12)
-    assert tolerance_factor(9, 0.5, 1.0 - tail, sided="one") == pytest.approx(factor, rel=1e-4)
+    factor = factor_of_tails(9, 0.1, tail)
+    with mp.workdps(oracles.DIGITS):
+        miss = 1 - oracles.confidence_of(9, 1 - mp.mpf(0.1), mp.mpf(float(factor)))
+        assert float(miss) == pytest.approx(tail, rel=1e-6)
+    assert tolerance_factor(9, 0.9, 1.0 - tail) == pytest.approx(factor, rel=1e-4)
 
 
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (
-            lambda: tolerance_factor(10, 0.99, 0.95, sided="both"),
-            UsageError,
-            'sided must be one of "two", "one"',
-        ),
         (lambda: tolerance_factor(10, 1.0, 0.95), UsageError, "value 1.0: share must lie strictly"),
         (lambda: tolerance_factor(10, 0.99, 95), UsageError, "confidence must lie .* 0.99"),
         (lambda: tolerance_factor(10, "a", 0.95), UsageError, "share must be a number"),
