@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from percept.inference.model.design import Cells, Factors, design_of
 from percept.inference.model.model import LinearModel
 from percept.inference.model.priors import Priors
-from percept.inference.model.statistics import apart_by_subject, from_trials
-from percept.inference.model.trials import trial_scatter, with_covariates
+from percept.inference.model.statistics import from_trials
+from percept.inference.model.trials import by_subject
 
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.intp]
@@ -97,15 +97,14 @@ def model_of(study: Observed) -> LinearModel:
         environments=tuple(names),
         subjects=tuple(f"S{i + 1}" for i in range(study.subjects)),
     )
-    if study.own_trial_sds:
-        statistics = apart_by_subject(statistics)
-    trials = (study.response, study.subject, study.cell)
-    scatter = trial_scatter(*trials, by_subject=study.own_trial_sds)
-    covariates = None
-    if study.covariate is not None:
-        values = study.covariate[:, None]
-        statistics, scatter, covariates = with_covariates(
-            values, (COVARIATE,), trials, statistics, by_subject=study.own_trial_sds
+    values = None if study.covariate is None else study.covariate[:, None]
+    if study.own_trial_sds or values is not None:
+        statistics = by_subject(
+            statistics,
+            (study.response, study.subject, study.cell),
+            own_trial_sds=study.own_trial_sds,
+            covariates=() if values is None else (COVARIATE,),
+            values=values,
         )
     cells = Cells(tuple(names), study.environment, environments, study.x)
     factors = Factors(
@@ -116,4 +115,4 @@ def model_of(study: Observed) -> LinearModel:
         spread=study.spread,
     )
     design = design_of(cells, factors, study.priors)
-    return LinearModel(statistics, design, study.priors, covariates, scatter)
+    return LinearModel(statistics, design, study.priors)

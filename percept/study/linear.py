@@ -14,8 +14,8 @@ from percept.inference.model.design import Factors as CellFactors
 from percept.inference.model.limits import Combinations, Limits
 from percept.inference.model.model import LinearModel, Resolution
 from percept.inference.model.product import Product
-from percept.inference.model.statistics import Statistics, apart_by_subject
-from percept.inference.model.trials import Covariates, TrialScatter, trial_scatter, with_covariates
+from percept.inference.model.statistics import Statistics
+from percept.inference.model.trials import by_subject
 from percept.scene import InferenceTable, ModelTable
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE
@@ -155,13 +155,13 @@ def linear_study(
     sessions = data.sessions
     conditions = data.conditions
     _refuse_options(scene.model)
-    statistics, covariates, scatter, sizes = _reduced(trials, sessions, conditions, own_trial_sds)
+    statistics, sizes = _reduced(trials, sessions, conditions, own_trial_sds)
     keys = tuple(_key(sessions, cell) for cell in trials.environments)
     priors = priors_of(scene, trials.statistics.parameters)
     own_slopes = scene.model.subjects_slope
     cells, factors = _design(keys, statistics, sessions, conditions, own_slopes)
     design = design_of(cells, factors, priors, Options(weber=scene.model.weber))
-    model = LinearModel(statistics, design, priors, covariates, scatter, resolution)
+    model = LinearModel(statistics, design, priors, resolution)
     found: list[Comparison] = []
     if sessions.factors is not None:
         found = list(comparisons(conditions, sessions.factors, keys))
@@ -170,7 +170,7 @@ def linear_study(
     slopes = []
     for name, size in zip(conditions.covariates, sizes, strict=True):
         step = "1 decade more" if name == TRIAL_REFERENCE else "1 more"
-        within = covariates is not None and name in covariates.within
+        within = statistics.covariates is not None and name in statistics.covariates.within
         slope = Comparison(name, "the same", step, None, environments, {}, within, unit=size)
         slopes.append(slope)
     weigh = _Weights(keys, statistics, conditions, model.locations)
@@ -201,21 +201,26 @@ def _refuse_options(table: ModelTable) -> None:
 
 
 def _reduced(
-    data: Trials, sessions: Sessions, conditions: Conditions, by_subject: bool
-) -> tuple[Statistics, Covariates | None, TrialScatter, Array]:
-    """Statistics of the trials, their covariates, scatter, and the covariates' SDs."""
+    data: Trials, sessions: Sessions, conditions: Conditions, own_trial_sds: bool
+) -> tuple[Statistics, Array]:
+    """Statistics of the trials with their covariates, and the covariates' SDs."""
     names = conditions.covariates
-    statistics = apart_by_subject(data.statistics) if by_subject else data.statistics
-    trials_of = (data.response, data.subject, data.environment)
-    if not names:
-        scatter = trial_scatter(*trials_of, by_subject=by_subject)
-        return statistics, None, scatter, np.ones(0)
-    table = sessions.table.loc[data.rows]
-    sizes = table[list(names)].astype(float).std(ddof=0).to_numpy()
-    statistics, scatter, covariates = with_covariates(
-        covariate_values(table, names), names, trials_of, statistics, by_subject=by_subject
+    values = None
+    sizes = np.ones(0)
+    if names:
+        table = sessions.table.loc[data.rows]
+        sizes = table[list(names)].astype(float).std(ddof=0).to_numpy()
+        values = covariate_values(table, names)
+    elif not own_trial_sds:
+        return data.statistics, sizes
+    statistics = by_subject(
+        data.statistics,
+        (data.response, data.subject, data.environment),
+        own_trial_sds=own_trial_sds,
+        covariates=names,
+        values=values,
     )
-    return statistics, covariates, scatter, sizes
+    return statistics, sizes
 
 
 def _key(sessions: Sessions, cell: str) -> CellKey:

@@ -134,7 +134,7 @@ def _vanishing(df: Array, scatters: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 def _differences(data: Trials) -> str:
     """Say whether subjects' trial SDs differ more than chance lets them."""
-    scatter = trial_scatter(data.response, data.subject, data.environment, by_subject=True)
+    scatter = trial_scatter(data.response, data.subject, data.environment)
     chances = chance_of_differences(scatter, len(data.subjects), len(data.environments))
     smallest = min(1.0, chances.min() * len(chances))
     if smallest >= _DOUBTFUL:

@@ -172,7 +172,7 @@ def test_subjects_with_one_trial_sd_seldom_seem_to_differ():
     chances = []
     for _ in range(300):
         response = spread[:, None] * rng.normal(size=(120, 2))
-        scatter = trial_scatter(response, subject, cell, by_subject=True)
+        scatter = trial_scatter(response, subject, cell)
         chances.append(chance_of_differences(scatter, 5, 4))
     for of_quantity in np.array(chances).T:
         assert stats.kstest(of_quantity, "uniform").pvalue > 1e-3

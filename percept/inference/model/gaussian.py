@@ -23,11 +23,9 @@ from percept.inference.model.blocks import (
 
 __all__ = [
     "Eliminated",
-    "OwnFirst",
+    "Latents",
     "SubjectCovariance",
-    "SubjectsFirst",
     "eliminate",
-    "latent_weights",
 ]
 
 Array = NDArray[np.float64]
@@ -127,76 +125,54 @@ def eliminate(
     return solved, (solved.pivots / whole).min(axis=0, initial=1.0)
 
 
-class SubjectsFirst:
-    """Latents where effects are the blocks; own deviations and then the rest are the others.
+class Latents:
+    """Own deviations and then the rest, with their law; effects are integrated out.
 
     Parameters
     ----------
     solved : Eliminated
-        The unknowns.
-    deviation_sd : ndarray
-        SDs of own deviations, (a J, W).
+        The unknowns. Where own deviations are the blocks, q G effects and then the rest are the
+        others; where effects are the blocks, own deviations and then the rest are.
+    own_first : bool
+        Whether own deviations are the blocks.
+    rest : int
+        Number r of the rest.
 
     Attributes
     ----------
-    latents : ndarray
+    best : ndarray
         Own deviations and the rest that fit best, (a J + r, W).
     effects : ndarray
-        Effects that fit best, (q, G, W).
-    """
-
-    def __init__(self, solved: Eliminated, deviation_sd: Array) -> None:
-        self._solved = solved
-        self._deviation_sd = deviation_sd
-        self.latents = solved.others.copy()
-        self.effects = solved.blocks
-
-    def columns_of(self, own: Array, rest: Array) -> Array:
-        """Columns (n, L, W) whose products are the covariance of L combinations of latents.
-
-        Weights are (L, a J) of own deviations in response units, and (L, r) of the rest.
-        """
-        return self._solved.columns_of_others(latent_weights(own, rest, self._deviation_sd))
-
-
-class OwnFirst:
-    """Latents where own deviations are the blocks; q G effects and then the rest are the others.
-
-    Parameters and attributes are those of `SubjectsFirst`, but for the number r of the rest.
+        Effects that fit best, (q G, W).
     """
 
     def __init__(
         self,
         solved: Eliminated,
-        deviation_sd: Array,
+        *,
+        own_first: bool,
         rest: int,
     ) -> None:
         self._solved = solved
-        self._deviation_sd = deviation_sd
-        effects, of_rest = np.split(solved.others, [len(solved.others) - rest])
-        own = solved.blocks.reshape(deviation_sd.shape)
-        self.latents = np.concatenate([own, of_rest])
-        #: (q G, W)
-        self.effects = effects
+        self._own_first = own_first
+        width = solved.others.shape[1]
+        of_blocks = solved.blocks.reshape(-1, width)
+        if own_first:
+            self.effects, of_rest = np.split(solved.others, [len(solved.others) - rest])
+            self.best = np.concatenate([of_blocks, of_rest])
+        else:
+            self.effects = of_blocks
+            self.best = solved.others.copy()
 
-    def columns_of(self, own: Array, rest: Array) -> Array:
-        """Columns (n, L, W) of combinations of latents, as in `SubjectsFirst`."""
-        weights = latent_weights(own, rest, self._deviation_sd)
-        of_own, of_rest = np.split(weights, [own.shape[1]])
-        by_environment = of_own.reshape(*self._solved.blocks.shape[:2], *of_own.shape[1:])
+    def columns(self, weights: Array) -> Array:
+        """Columns (n, L, W) whose products are the covariance of combinations (a J + r, L, W)."""
+        if not self._own_first:
+            return self._solved.columns_of_others(weights)
+        own, environments, _ = self._solved.blocks.shape
+        of_own, of_rest = np.split(weights, [own * environments])
+        by_environment = of_own.reshape(own, environments, *of_own.shape[1:])
         no_effects = np.zeros((len(self.effects), *of_rest.shape[1:]))
         return self._solved.columns(by_environment, np.concatenate([no_effects, of_rest]))
-
-
-def latent_weights(
-    own: Array,
-    rest: Array,
-    deviation_sd: Array,
-) -> Array:
-    """Weights (a J + r, L, W) of standard normal latents, from (L, a J) and (L, r)."""
-    of_own = own.T[..., None] * deviation_sd[:, None]
-    of_rest = np.broadcast_to(rest.T[..., None], (rest.shape[1], len(own), deviation_sd.shape[1]))
-    return np.concatenate([of_own, of_rest])
 
 
 class SubjectCovariance:

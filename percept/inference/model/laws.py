@@ -11,7 +11,9 @@ Arrays have S or W draws, L rows, P quantities and C cells.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -22,7 +24,16 @@ from percept.inference.model.blocks import entries
 from percept.inference.model.rows import Rows
 from percept.inference.model.scales import CellScales
 
-__all__ = ["Joint", "Law", "Moments", "Solved", "joined", "user_columns", "user_sd"]
+__all__ = [
+    "IndependentLaw",
+    "Joint",
+    "JointLaw",
+    "Law",
+    "LinearLaw",
+    "Moments",
+    "Solved",
+    "joined",
+]
 
 Array = NDArray[np.float64]
 
@@ -85,52 +96,23 @@ def joined(laws: Sequence[_Laws]) -> _Laws:
     return dataclasses.replace(laws[0], **fields)
 
 
-class Solved(Protocol):
-    """Latents of a study, given W sets of scales."""
+class Law(ABC):
+    """Law of the R locations, and of one user about them, at W sets of scales."""
 
-    latents: Array  # (a J + r, W) Own deviations over their SDs and the rest, that fit best
+    locations: int  # R
 
-    def columns_of(self, own: Array, rest: Array) -> Array:
-        """Columns (n, L, W) of combinations with weights (L, a J) and (L, r)."""
+    @property
+    @abstractmethod
+    def mean(self) -> Array:
+        """Means of the locations, (W, R)."""
 
-
-class Law:
-    """Law of the locations, and of one user, at W sets of scales.
-
-    Parameters
-    ----------
-    rows : Rows
-        Units and columns of the study.
-    scales : CellScales
-        The scales.
-    solved : Solved
-        The latents.
-
-    Attributes
-    ----------
-    mean : ndarray
-        Means of the locations, (W, R).
-    """
-
-    def __init__(
-        self,
-        rows: Rows,
-        scales: CellScales,
-        solved: Solved,
-    ) -> None:
-        self._rows = rows
-        self._scales = scales
-        self._solved = solved
-        latents = solved.latents.copy()
-        own_sd = rows.own_sd(scales.tau)
-        latents[: rows.deviations] *= np.repeat(own_sd, rows.environments, axis=0)
-        self.mean = (rows.basis @ latents).T
-
+    @abstractmethod
     def columns(self, weights: Array) -> Array:
         """Columns (W, L, K) whose products are the covariance of combinations (L, R)."""
-        of_latents = weights @ self._rows.basis
-        own, rest = np.split(of_latents, [self._rows.deviations], axis=1)
-        return self._solved.columns_of(own, rest).T
+
+    @abstractmethod
+    def user_columns(self, weights: Array) -> Array:
+        """Columns (W, L, K) of the same combinations of one user about the locations'."""
 
     def sd(self, weights: Array) -> Array:
         """SDs (W, L) of combinations (L, R) of the locations."""
@@ -138,8 +120,13 @@ class Law:
         return np.sqrt(np.einsum("wlk,wlk->wl", columns, columns))
 
     def user_sd(self, weights: Array) -> Array:
-        """SDs (W, L) of the same combinations of one user's cells about the locations'."""
-        return user_sd(self._scales, self._of_cells(weights))
+        """SDs (W, L) of the same combinations of one user about the locations'."""
+        columns = self.user_columns(weights)
+        return np.sqrt(np.einsum("wlk,wlk->wl", columns, columns))
+
+    def moments(self, weights: Array) -> Moments:
+        """Laws of combinations (L, R), each by itself."""
+        return Moments(self.mean @ weights.T, self.sd(weights), self.user_sd(weights))
 
     def joint(self, weights: Array) -> Joint:
         """Joint laws of groups of combinations, (groups, n, R)."""
@@ -147,8 +134,7 @@ class Law:
         flat = weights.reshape(groups * count, -1)
         columns = self.columns(flat)
         by_group = columns.reshape(len(columns), groups, count, -1)
-        of_users = user_columns(self._scales, self._of_cells(flat))
-        of_users = of_users.reshape(len(columns), groups, count, -1)
+        of_users = self.user_columns(flat).reshape(len(columns), groups, count, -1)
         mean = self.mean @ flat.T
         return Joint(
             mean=mean.reshape(len(mean), groups, count),
@@ -166,9 +152,85 @@ class Law:
         columns = self.columns(weights)
         latents = rng.standard_normal((repeats, len(columns), columns.shape[2]))
         locations = self.mean @ weights.T + np.einsum("wlk,rwk->rwl", columns, latents)
-        of_users = user_columns(self._scales, self._of_cells(weights))
+        of_users = self.user_columns(weights)
         normals = rng.standard_normal((repeats, len(columns), of_users.shape[2]))
         return locations, locations + np.einsum("wlk,rwk->rwl", of_users, normals)
+
+
+class Solved(Protocol):
+    """Latents of a study, given W sets of scales."""
+
+    best: Array  # (a J + r, W) Own deviations over their SDs and the rest, that fit best
+
+    def columns(self, weights: Array) -> Array:
+        """Columns (n, L, W) of combinations with weights (a J + r, L, W)."""
+
+
+class LinearLaw(Law):
+    """Law of a linear design; the latents are solved for when they are first asked for.
+
+    Parameters
+    ----------
+    rows : Rows
+        Units and columns of the study.
+    scales : CellScales
+        The scales.
+    solve : callable
+        Gives the latents.
+    """
+
+    def __init__(
+        self,
+        rows: Rows,
+        scales: CellScales,
+        solve: Callable[[], Solved],
+    ) -> None:
+        self.locations = rows.locations
+        self._rows = rows
+        self._scales = scales
+        self._solve = solve
+
+    @cached_property
+    def _solved(self) -> Solved:
+        return self._solve()
+
+    @cached_property
+    def mean(self) -> Array:
+        """Means of the locations, (W, R)."""
+        latents = self._solved.best * self._rows.latent_sd(self._scales.tau)
+        return (self._rows.basis @ latents).T
+
+    def columns(self, weights: Array) -> Array:
+        """Columns (W, L, K) whose products are the covariance of combinations (L, R)."""
+        of_latents = weights @ self._rows.basis
+        sd = self._rows.latent_sd(self._scales.tau)
+        return self._solved.columns(of_latents.T[..., None] * sd[:, None]).T
+
+    def user_columns(self, weights: Array) -> Array:
+        """Columns (W, L, K) of the same combinations of one user about the locations'."""
+        of_cells = self._of_cells(weights)
+        columns = [np.einsum("lpc,qpcw->wlq", of_cells, self._scales.effects)]
+        for parts in self._scales.between.factor_columns():
+            columns.append(np.einsum("lpc,pcw->wlc", of_cells, np.stack(parts)))
+        return np.concatenate(columns, axis=2)
+
+    def user_sd(self, weights: Array) -> Array:
+        """SDs (W, L) of the same combinations of one user about the locations'."""
+        of_cells = self._of_cells(weights)
+        width = self._scales.tau.shape[-1]
+        # Most combinations are of few cells.
+        flat = sparse.csr_array(of_cells.reshape(len(weights), -1))
+        variance = np.zeros((len(weights), width))
+        for column in self._scales.effects:
+            variance += (flat @ column.reshape(-1, width)) ** 2
+        first = of_cells[:, 0]
+        last = of_cells[:, -1]
+        products = [first * first]
+        if self._rows.size == 2:
+            products += [2.0 * first * last, last * last]
+        by_entry = sparse.csr_array(np.concatenate(products, axis=1))
+        variance += by_entry @ np.concatenate(entries(self._scales.between))
+        return np.sqrt(variance).T
 
     def _of_cells(self, weights: Array) -> Array:
         """Weights (L, P, C) of the cells among those (L, R) of all locations."""
@@ -177,28 +239,55 @@ class Law:
         return weights[:, : size * cells].reshape(-1, size, cells)
 
 
-def user_sd(scales: CellScales, weights: Array) -> Array:
-    """SDs (W, L) of combinations (L, P, C) of one user's cells about the locations."""
-    count = len(weights)
-    width = scales.tau.shape[-1]
-    # Most combinations are of few cells.
-    flat = sparse.csr_array(weights.reshape(count, -1))
-    variance = np.zeros((count, width))
-    for column in scales.effects:
-        variance += (flat @ column.reshape(-1, width)) ** 2
-    first = weights[:, 0]
-    last = weights[:, -1]
-    products = [first * first]
-    if weights.shape[1] == 2:
-        products += [2.0 * first * last, last * last]
-    of_cells = sparse.csr_array(np.concatenate(products, axis=1))
-    variance += of_cells @ np.concatenate(entries(scales.between))
-    return np.sqrt(variance).T
+class IndependentLaw(Law):
+    """Law of R locations about zero, each with users of its own: SDs (W, R)."""
+
+    def __init__(self, sd: Array, user_sd: Array) -> None:
+        self.locations = sd.shape[1]
+        self._sd = sd
+        self._user_sd = user_sd
+
+    @property
+    def mean(self) -> Array:
+        """Means of the locations, (W, R)."""
+        return np.zeros_like(self._sd)
+
+    def columns(self, weights: Array) -> Array:
+        """Columns (W, L, R) of combinations (L, R)."""
+        return weights * self._sd[:, None]
+
+    def user_columns(self, weights: Array) -> Array:
+        """Columns (W, L, R) of the same combinations of one user."""
+        return weights * self._user_sd[:, None]
 
 
-def user_columns(scales: CellScales, weights: Array) -> Array:
-    """Columns (W, L, K) of combinations (L, P, C) of one user's cells about the locations."""
-    columns = [np.einsum("lpc,qpcw->wlq", weights, scales.effects)]
-    for parts in scales.between.factor_columns():
-        columns.append(np.einsum("lpc,pcw->wlc", weights, np.stack(parts)))
-    return np.concatenate(columns, axis=2)
+class JointLaw(Law):
+    """Law of the locations of several models, one after another."""
+
+    def __init__(self, laws: Sequence[Law]) -> None:
+        self.locations = sum(law.locations for law in laws)
+        self._laws = laws
+
+    def _shares(self, weights: Array) -> Iterator[tuple[Law, Array]]:
+        """Each law with its part of weights (L, R)."""
+        ends = np.cumsum([law.locations for law in self._laws])
+        yield from zip(self._laws, np.split(weights, ends[:-1], axis=1), strict=True)
+
+    @property
+    def mean(self) -> Array:
+        """Means of the locations, (W, R)."""
+        return np.hstack([law.mean for law in self._laws])
+
+    def columns(self, weights: Array) -> Array:
+        """Columns (W, L, K) of combinations (L, R)."""
+        return np.concatenate([law.columns(own) for law, own in self._shares(weights)], axis=2)
+
+    def user_columns(self, weights: Array) -> Array:
+        """Columns (W, L, K) of the same combinations of one user."""
+        parts = [law.user_columns(own) for law, own in self._shares(weights)]
+        return np.concatenate(parts, axis=2)
+
+    def user_sd(self, weights: Array) -> Array:
+        """SDs (W, L) of the same combinations of one user."""
+        parts = [law.user_sd(own) for law, own in self._shares(weights)]
+        return np.sqrt(np.square(parts).sum(axis=0))

@@ -26,21 +26,18 @@ from percept.inference.model.design import (
     Options,
     design_of,
 )
-from percept.inference.model.laws import Joint, Law, Moments, joined, user_sd
+from percept.inference.model.laws import Joint, Law, LinearLaw, Moments, joined
 from percept.inference.model.one_row import OneRow, is_one_row
 from percept.inference.model.patterns import SeveralPatterns
 from percept.inference.model.priors import Named, Priors, draws_first
 from percept.inference.model.rows import Rows
 from percept.inference.model.scales import CellScales, Coordinates, Scales
 from percept.inference.model.statistics import Statistics
-from percept.inference.model.trials import Covariates, TrialScatter
 
 __all__ = ["LinearModel", "Model", "Resolution", "plain_model"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-_LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,10 +52,13 @@ class Model(ABC):
     """A posterior over scales, its locations integrated out: what sampler and reports need of it.
 
     Coordinates are (W, d), near standard normal under the prior. Cells are parameter-major.
+    Combinations of locations, and of new users, are rows of weights (L, R); by default each cell.
     """
 
     names: list[str]  # Of the coordinates
     cells: tuple[tuple[str, str], ...]  # Parameter and environment
+    cell_rows: Array  # (C, R) Weights of each cell's location by itself
+    draws_per_pass: int  # Sets of coordinates worked on at once, so that the cache holds them
     priors_in_force: dict[str, float]  # By their names in `Priors`
     takes_options: bool = True  # Whether `Options` make it simpler
 
@@ -74,16 +74,32 @@ class Model(ABC):
     def scales(self, points: Array) -> Named:
         """Scales and correlations by name, as dimensions and values, at coordinates (W, d)."""
 
-    @property
     @abstractmethod
-    def cell_rows(self) -> Array:
-        """Weights (C, R) of each cell's location by itself."""
+    def law(self, points: Array) -> Law:
+        """Law of the locations and of users at coordinates (W, d) of one pass."""
 
-    @abstractmethod
+    def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
+        """Pooled models of which this is the product, each with its part of coordinates (W, d)."""
+        return []
+
+    def passes(self, points: Array) -> list[Array]:
+        """Points in parts that the processor's cache holds."""
+        starts = range(0, len(points), self.draws_per_pass)
+        return [points[start : start + self.draws_per_pass] for start in starts]
+
     def moments(self, points: Array, rows: Array | None = None) -> Moments:
-        """Laws of combinations (L, R) of the locations and of users: of all cells by default."""
+        """Laws of combinations, each by itself."""
+        weights = self.cell_rows if rows is None else rows
+        return joined([self.law(part).moments(weights) for part in self.passes(points)])
 
-    @abstractmethod
+    def user_sds(self, points: Array, rows: Array) -> Array:
+        """SDs of one user's combinations about the locations', (W, L)."""
+        return np.concatenate([self.law(part).user_sd(rows) for part in self.passes(points)])
+
+    def joint(self, points: Array, rows: Array) -> Joint:
+        """Joint laws of groups of n combinations, (groups, n, R)."""
+        return joined([self.law(part).joint(rows) for part in self.passes(points)])
+
     def draw(
         self,
         points: Array,
@@ -92,11 +108,33 @@ class Model(ABC):
         *,
         repeats: int = 1,
     ) -> tuple[Array, Array]:
-        """Draw combinations of the locations jointly, and the same of new users, (W repeats, L)."""
+        """Draw combinations of the locations jointly, and the same of new users.
 
-    def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
-        """Pooled models of which this is the product, each with its part of coordinates (W, d)."""
-        return []
+        Parameters
+        ----------
+        points : ndarray
+            Coordinates (W, d).
+        rng : Generator
+            Where draws come from.
+        rows : ndarray, optional
+            Weights (L, R); of all cells by default.
+        repeats : int
+            Draws for each set of coordinates.
+
+        Returns
+        -------
+        locations, users : ndarray
+            Shape (W repeats, L) each. A pass gives one draw for each of its coordinates, then
+            another for each, before the next pass begins.
+        """
+        weights = self.cell_rows if rows is None else rows
+        locations = []
+        users = []
+        for part in self.passes(points):
+            location, user = self.law(part).draw(weights, rng, repeats)
+            locations.append(location.reshape(-1, len(weights)))
+            users.append(user.reshape(-1, len(weights)))
+        return np.concatenate(locations), np.concatenate(users)
 
 
 class LinearModel(Model):
@@ -110,11 +148,6 @@ class LinearModel(Model):
         The columns.
     priors : Priors, optional
         Prior scales.
-    covariates : Covariates, optional
-        Covariates of trials or subjects.
-    scatter : TrialScatter, optional
-        Scatter between trials: of every subject if subjects have their own trial SDs, pooled with
-        covariates. Without either, it comes from the statistics.
     resolution : Resolution, optional
         Variance that the adjustment's resolution adds to cell means and trials.
 
@@ -131,41 +164,33 @@ class LinearModel(Model):
         statistics: Statistics,
         design: Design,
         priors: Priors | None = None,
-        covariates: Covariates | None = None,
-        scatter: TrialScatter | None = None,
         resolution: Resolution | None = None,
     ) -> None:
         self.statistics = statistics
         self.design = design
         self.priors = priors or Priors()
-        self.covariates = covariates
-        self.scatter = scatter or _pooled(statistics)
         self.resolution = resolution or Resolution()
-        cells = itertools.product(statistics.parameters, design.cells.names)
-        self.cells = tuple(cells)
-        own_slopes = covariates.within if covariates is not None else ()
-        self.coordinates = Coordinates(statistics, design, self.priors, self.scatter, own_slopes)
+        self.cells = tuple(itertools.product(statistics.parameters, design.cells.names))
+        self.coordinates = Coordinates(statistics, design, self.priors)
         self.names = self.coordinates.names
         self.priors_in_force = self._priors_in_use()
-        covariate_sd = self.priors.covariate_sd
+        covariates = statistics.covariates
         compares = bool(design.factors.terms) or design.factors.slopes or covariates is not None
-        self.takes_options = not compares and self.scatter.subject is None
-        self.rows = Rows(statistics, design, self.scatter, covariate_sd, covariates)
-        effects = len(own_slopes) * design.parameters
+        self.takes_options = not compares and statistics.scatter.subject is None
+        self.rows = Rows(statistics, design, self.priors.covariate_sd)
+        self.locations = self.rows.locations
+        self.cell_rows = np.eye(len(self.cells), self.locations)
+        effects = len(self.coordinates.own_slopes) * design.parameters
         for term in design.subject:
             effects += len(term.columns) * design.parameters
         self._form: OneRow | SeveralPatterns
         if covariates is None and is_one_row(statistics, design):
             self._form = OneRow(statistics, design, self.rows.own, self.rows.fixed)
-            self._draws_per_pass = self._form.draws_per_pass(effects)
+            self.draws_per_pass = self._form.draws_per_pass(effects)
         else:
             self._form = SeveralPatterns(statistics, self.rows, effects)
-            self._draws_per_pass = self._form.draws_per_pass
-        trials = 0.0
-        for pattern in statistics.patterns:
-            trials += pattern.subjects * pattern.trials.sum()
-        log_powers = 0.5 * _LOG_2PI * trials * design.parameters
-        self._constant = statistics.constant - log_powers
+            self.draws_per_pass = self._form.draws_per_pass
+        self._constant = statistics.constant
 
     def _priors_in_use(self) -> dict[str, float]:
         """Priors the model uses, by their names in `Priors`."""
@@ -180,7 +205,7 @@ class LinearModel(Model):
             used.add("rho")
         if self.design.factors.terms:
             used.add("lambda")
-        if self.covariates is not None:
+        if self.statistics.covariates is not None:
             used.add("covariate")
         in_use = {}
         for name, value in vars(self.priors).items():
@@ -192,28 +217,13 @@ class LinearModel(Model):
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides density and locations."""
-        covariates: tuple[object, ...] | None = None
-        if self.covariates is not None:
-            covariates = dataclasses.astuple(self.covariates)
         return (
             "linear",
             dataclasses.astuple(self.statistics),
             self.design.identity(),
             dataclasses.astuple(self.priors),
-            covariates,
-            dataclasses.astuple(self.scatter),
             dataclasses.astuple(self.resolution),
         )
-
-    @property
-    def locations(self) -> int:
-        """Number R of locations."""
-        return self.rows.locations
-
-    @property
-    def cell_rows(self) -> Array:
-        """Weights (P C, R) of each cell's location by itself."""
-        return np.eye(len(self.cells), self.locations)
 
     @property
     def pair_rows(self) -> Array:
@@ -224,14 +234,6 @@ class LinearModel(Model):
     def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
         """Return the model itself."""
         return [(self, points)]
-
-    def passes(self, points: Array) -> list[Array]:
-        """Points in parts that the processor's cache holds."""
-        parts = []
-        for start in range(0, len(points), self._draws_per_pass):
-            end = start + self._draws_per_pass
-            parts.append(points[start:end])
-        return parts
 
     def linear_scales(self, points: Array) -> Scales:
         """Map coordinates (W, d) to scales."""
@@ -267,7 +269,7 @@ class LinearModel(Model):
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
         count = len(points)
-        if count % self._draws_per_pass == 1:
+        if count % self.draws_per_pass == 1:
             # Sums over a single column run in another order: keep values independent of the batch.
             points = np.concatenate([points, points[-1:]])
         inside = np.all(np.abs(points) <= self.coordinates.limits, axis=1)
@@ -289,9 +291,10 @@ class LinearModel(Model):
         value = self._constant + self._form.log_density(observed)
         if observed.trial is None:
             return value
-        rows = tuple(self.scatter.rows[..., None])
+        scatter = self.statistics.scatter
+        rows = tuple(scatter.rows[..., None])
         squares = observed.trial.distance(rows).sum(axis=0)
-        determinants = self.scatter.df @ observed.trial.log_determinant()
+        determinants = scatter.df @ observed.trial.log_determinant()
         return np.asarray(value - 0.5 * (squares + determinants))
 
     def with_resolution(self, scales: CellScales) -> CellScales:
@@ -304,84 +307,15 @@ class LinearModel(Model):
             every_draw = self.resolution.between[..., None]
             between = between.plus_diagonal(tuple(every_draw))
         if trial is not None and self.resolution.trial is not None:
-            by_group = self.resolution.trial[:, self.scatter.cell, None]
+            by_group = self.resolution.trial[:, self.statistics.scatter.cell, None]
             trial = trial.plus_diagonal(tuple(by_group))
         return dataclasses.replace(scales, between=between, trial=trial)
 
     def law(self, points: Array) -> Law:
         """Law of the locations and of users at coordinates (W, d) of one pass."""
         scales = self.linear_scales(points).cells
-        return Law(self.rows, scales, self._form.solve(self.with_resolution(scales)))
-
-    def moments(self, points: Array, rows: Array | None = None) -> Moments:
-        """Laws of combinations (L, R) of the locations and of users: of all cells by default."""
-        weights = self.cell_rows if rows is None else rows
-        parts = []
-        for part in self.passes(points):
-            law = self.law(part)
-            sd = law.sd(weights)
-            parts.append(Moments(law.mean @ weights.T, sd, law.user_sd(weights)))
-        return joined(parts)
-
-    def user_sds(self, points: Array, rows: Array) -> Array:
-        """SDs of one user's combinations (L, R) about the locations', at (W, d): (W, L)."""
-        size, cells = self.design.cells.x.shape
-        weights = rows[:, : size * cells].reshape(-1, size, cells)
-        parts = []
-        for part in self.passes(points):
-            parts.append(user_sd(self.linear_scales(part).cells, weights))
-        return np.concatenate(parts)
-
-    def joint(self, points: Array, rows: Array) -> Joint:
-        """Joint laws of groups of n combinations, (groups, n, R), at coordinates (W, d)."""
-        return joined([self.law(part).joint(rows) for part in self.passes(points)])
-
-    def draw(
-        self,
-        points: Array,
-        rng: np.random.Generator,
-        rows: Array | None = None,
-        *,
-        repeats: int = 1,
-    ) -> tuple[Array, Array]:
-        """Draw combinations (L, R) of the locations jointly, and the same of new users.
-
-        Parameters
-        ----------
-        points : ndarray
-            Coordinates (W, d).
-        rng : Generator
-            Where draws come from.
-        rows : ndarray, optional
-            Weights (L, R); of all cells by default.
-        repeats : int
-            Draws for each set of coordinates.
-
-        Returns
-        -------
-        locations, users : ndarray
-            Shape (W repeats, L) each. Coordinates are worked on in passes. A pass gives one draw
-            for each of its coordinates, then another for each, before the next pass begins.
-        """
-        weights = self.cell_rows if rows is None else rows
-        locations = []
-        users = []
-        for part in self.passes(points):
-            location, user = self.law(part).draw(weights, rng, repeats)
-            locations.append(location.reshape(-1, len(weights)))
-            users.append(user.reshape(-1, len(weights)))
-        return np.concatenate(locations), np.concatenate(users)
-
-
-def _pooled(statistics: Statistics) -> TrialScatter:
-    """Scatter between trials of subjects pooled, as the statistics hold it."""
-    return TrialScatter(
-        cell=np.arange(len(statistics.environments)),
-        subject=None,
-        df=statistics.trial_df,
-        rows=statistics.trial_rows,
-        squares=np.square(statistics.trial_rows).sum(axis=1),
-    )
+        observed = self.with_resolution(scales)
+        return LinearLaw(self.rows, scales, lambda: self._form.solve(observed))
 
 
 def plain_model(
@@ -415,4 +349,4 @@ def plain_model(
     cells = Cells(names, np.arange(len(names)), names, statistics.x)
     factors = Factors(levels={}, level={}, terms=())
     design = design_of(cells, factors, priors, options)
-    return LinearModel(statistics, design, priors, resolution=resolution)
+    return LinearModel(statistics, design, priors, resolution)

@@ -41,7 +41,7 @@ from percept.inference.model.blocks import (
     with_prior,
 )
 from percept.inference.model.design import Design, columns_by_quantity
-from percept.inference.model.gaussian import Eliminated, OwnFirst, SubjectCovariance
+from percept.inference.model.gaussian import Eliminated, Latents, SubjectCovariance
 from percept.inference.model.scales import CellScales
 from percept.inference.model.statistics import Statistics
 
@@ -142,13 +142,12 @@ class OneRow:
         minus_twice += np.einsum("kw,kw->w", solution, solution)
         return -0.5 * minus_twice
 
-    def solve(self, scales: CellScales) -> OwnFirst:
+    def solve(self, scales: CellScales) -> Latents:
         """Own deviations, effects and fixed columns' coefficients that fit best, and their law."""
         effects = scales.effects / np.sqrt(self._subjects)
         own = self._regressed(self._noise(scales), scales, effects, self._fixed_and_mean)
         solved = Eliminated(own.factor, own.explained, _products(own.rows))
-        deviation_sd = np.repeat(self._own_sd(scales), self._cells_of_environment.shape[1], axis=0)
-        return OwnFirst(solved, deviation_sd, len(self._fixed_and_mean) - 1)
+        return Latents(solved, own_first=True, rest=len(self._fixed_and_mean) - 1)
 
     def draws_per_pass(self, effects: int) -> int:
         """Draws worked on at once, for so many columns of subjects' effects."""

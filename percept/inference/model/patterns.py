@@ -22,11 +22,9 @@ from numpy.typing import NDArray
 from percept.inference.model.blocks import Block, entries, with_prior
 from percept.inference.model.gaussian import (
     Eliminated,
-    OwnFirst,
+    Latents,
     SubjectCovariance,
-    SubjectsFirst,
     eliminate,
-    latent_weights,
 )
 from percept.inference.model.rows import Rows
 from percept.inference.model.scales import CellScales
@@ -112,7 +110,7 @@ class _Solution:
     ----------
     log_density : ndarray
         Of the units, (W,).
-    latents : ndarray
+    best : ndarray
         Own deviations and the rest that fit best, (a J + r, W).
     """
 
@@ -134,16 +132,12 @@ class _Solution:
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             solved, kept = self._solve()
             rest = rows.columns.shape[1] - rows.deviations
-            self._order: OwnFirst | SubjectsFirst
-            if self._own_first:
-                self._order = OwnFirst(solved, self._deviation_sd, rest)
-            else:
-                self._order = SubjectsFirst(solved, self._deviation_sd)
-            self.latents = self._order.latents
+            self._latents = Latents(solved, own_first=self._own_first, rest=rest)
+            self.best = self._latents.best
             shape = (len(self._effects), rows.patterns, self._width)
-            effects = self._order.effects.reshape(shape)
+            effects = self._latents.effects.reshape(shape)
             squares = self._distance(effects)
-            squares += np.einsum("kw,kw->w", self.latents, self.latents)
+            squares += np.einsum("kw,kw->w", self.best, self.best)
             squares += np.einsum("qgw,qgw->w", effects, effects)
             of_noise = rows.means_of_kind @ noise.log_determinant()
             determinants = of_noise + solved.log_determinant
@@ -153,7 +147,7 @@ class _Solution:
         self._exact: _Exact | None = None
         if self._lost.size:
             self._exact = self._by_orthogonal_factors()
-            self.latents[:, self._lost] = self._exact.latents
+            self.best[:, self._lost] = self._exact.best
             of_lost = 0.5 * of_noise[self._lost]
             self.log_density[self._lost] = self._exact.log_density - of_lost
 
@@ -221,7 +215,7 @@ class _Solution:
     def _distance(self, effects: Array) -> Array:
         """Squares of the units about what latents and effects (q, G, W) fit, by D: (W,)."""
         rows = self._rows
-        coefficients = self.latents.copy()
+        coefficients = self.best.copy()
         coefficients[: rows.deviations] *= self._deviation_sd
         fitted = rows.columns @ coefficients
         fitted = fitted.reshape(*rows.data.shape, self._width)
@@ -234,16 +228,12 @@ class _Solution:
         by_unit = self._noise[rows.kind].distance(tuple(residuals[:, None]))
         return np.asarray(by_unit.sum(axis=0))
 
-    def columns_of(self, own: Array, rest: Array) -> Array:
-        """Columns (n, L, W) whose products are the covariance of L combinations of latents.
-
-        Weights are (L, a J) of own deviations in response units, and (L, r) of the rest.
-        """
+    def columns(self, weights: Array) -> Array:
+        """Columns (n, L, W) whose products are the covariance of combinations (a J + r, L, W)."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            columns = self._order.columns_of(own, rest)
+            columns = self._latents.columns(weights)
         if self._exact is not None:
-            lost_sd = self._deviation_sd[:, self._lost]
-            exact = self._exact.columns_of(latent_weights(own, rest, lost_sd))
+            exact = self._exact.columns(weights[..., self._lost])
             columns[..., self._lost] = 0.0
             columns[: len(exact), :, self._lost] = exact
         return columns
@@ -328,10 +318,10 @@ class _Exact:
             distance = triangle[:, size, size] ** 2
         #: R⁻¹, (W, K, K)
         self._inverse = np.linalg.inv(triangle[:, :size, :size])
-        self.latents = np.einsum("wkl,wl->kw", self._inverse, triangle[:, :size, size])
+        self.best = np.einsum("wkl,wl->kw", self._inverse, triangle[:, :size, size])
         self.log_density = -determinant - 0.5 * distance
 
-    def columns_of(self, weights: Array) -> Array:
+    def columns(self, weights: Array) -> Array:
         """Columns (K, L, W) of combinations with weights (K, L, W)."""
         return np.asarray(np.einsum("wkl,knw->lnw", self._inverse, weights))
 

@@ -8,15 +8,13 @@ subjects scatter about their own columns, with SD omega.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
 
 from percept.errors import RefusalError
 from percept.inference.model.design import Design, columns_by_quantity, new_cells
-from percept.inference.model.laws import Joint, joined, user_columns
+from percept.inference.model.laws import Joint, joined
 from percept.inference.model.model import LinearModel, Model
 from percept.inference.model.priors import Named
 from percept.inference.model.scales import Scales, effect_columns
@@ -207,30 +205,18 @@ def draw_prior(
     rng: np.random.Generator,
 ) -> tuple[Named, Array, Array]:
     """Draw scales by name, and population means and new users (draws, P C), before any data."""
-    statistics = dataclasses.replace(
-        model.statistics,
-        sd=np.zeros_like(model.statistics.sd),
-        trial_rows=np.zeros_like(model.statistics.trial_rows),
-    )
-    scatter = dataclasses.replace(
-        model.scatter,
-        rows=np.zeros_like(model.scatter.rows),
-        squares=np.zeros_like(model.scatter.squares),
-    )
     # Without observed scatter every coordinate is standard normal a priori.
-    blank = LinearModel(statistics, model.design, model.priors, model.covariates, scatter)
+    blank = LinearModel(model.statistics.without_scatter(), model.design, model.priors)
     points = rng.standard_normal((draws, len(blank.names)))
     rows = model.rows
     cells = len(model.cells)
-    unit_rows = np.eye(cells).reshape(cells, rows.size, rows.cells)
     means = []
     users = []
     for part in blank.passes(points):
-        scales = blank.linear_scales(part).cells
-        latents = rng.standard_normal((rows.basis.shape[1], len(part)))
-        latents[: rows.deviations] *= np.repeat(rows.own_sd(scales.tau), rows.environments, axis=0)
+        latent_sd = rows.latent_sd(blank.linear_scales(part).cells.tau)
+        latents = latent_sd * rng.standard_normal(latent_sd.shape)
         locations = (rows.basis[:cells] @ latents).T
-        columns = user_columns(scales, unit_rows)
+        columns = blank.law(part).user_columns(blank.cell_rows)
         normals = rng.standard_normal(columns[:, 0].shape)
         means.append(locations)
         users.append(locations + np.einsum("wlk,wk->wl", columns, normals))

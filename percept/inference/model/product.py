@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
 from percept.errors import RefusalError
-from percept.inference.model.laws import Moments
+from percept.inference.model.laws import IndependentLaw, JointLaw, Law
 from percept.inference.model.model import LinearModel, Model
 from percept.inference.model.priors import Named
 
@@ -24,9 +24,7 @@ _FEWEST_SUBJECTS = 2
 class Product(Model):
     """Product of independent models of different quantities.
 
-    Coordinates, cells and locations of the models stand one after another, in their order. A
-    combination of all locations is the sum of one combination in each model, so means and variances
-    add.
+    Coordinates, cells and locations of the models stand one after another, in their order.
 
     Attributes
     ----------
@@ -45,6 +43,9 @@ class Product(Model):
             self.names += model.names
             self.cells += model.cells
             self.priors_in_force |= model.priors_in_force
+        rows = linalg.block_diag(*(model.cell_rows for model in self.models))
+        self.cell_rows = np.asarray(rows)
+        self.draws_per_pass = min(model.draws_per_pass for model in self.models)
 
     def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
         """Each model with its part of coordinates (W, d), views."""
@@ -68,54 +69,9 @@ class Product(Model):
             named[name] = (dimensions, np.hstack([part[name][1] for part in parts]))
         return named
 
-    @property
-    def cell_rows(self) -> Array:
-        """Weights (C, R) of each cell's location by itself."""
-        return np.asarray(linalg.block_diag(*(model.cell_rows for model in self.models)))
-
-    def _shares(
-        self, points: Array, rows: Array | None
-    ) -> Iterator[tuple[LinearModel, Array, Array]]:
-        """Each model with its part of coordinates (W, d) and of weights (L, R)."""
-        weights = self.cell_rows if rows is None else rows
-        counts = [model.locations for model in self.models]
-        own_weights = np.split(weights, np.cumsum(counts)[:-1], axis=1)
-        for (model, coordinates), own in zip(self.split(points), own_weights, strict=True):
-            yield model, coordinates, own
-
-    def moments(self, points: Array, rows: Array | None = None) -> Moments:
-        """Laws of combinations (L, R) of the locations and of users: of all cells by default."""
-        parts = [model.moments(part, own) for model, part, own in self._shares(points, rows)]
-        return Moments(
-            mean=np.sum([part.mean for part in parts], axis=0),
-            sd=_root_of_squares([part.sd for part in parts]),
-            population_sd=_root_of_squares([part.population_sd for part in parts]),
-        )
-
-    def user_sds(self, points: Array, rows: Array) -> Array:
-        """SDs of one user's combinations (L, R) about the locations', at (W, d): (W, L)."""
-        parts = [model.user_sds(part, own) for model, part, own in self._shares(points, rows)]
-        return _root_of_squares(parts)
-
-    def draw(
-        self,
-        points: Array,
-        rng: np.random.Generator,
-        rows: Array | None = None,
-        *,
-        repeats: int = 1,
-    ) -> tuple[Array, Array]:
-        """Draw combinations of all locations, as `LinearModel.draw`."""
-        parts = []
-        for model, part, own in self._shares(points, rows):
-            parts.append(model.draw(part, rng, own, repeats=repeats))
-        locations, users = np.sum(parts, axis=0)
-        return locations, users
-
-
-def _root_of_squares(parts: list[Array]) -> Array:
-    """Root of the sum of squares of several arrays."""
-    return np.asarray(np.sqrt(np.sum(np.square(parts), axis=0)))
+    def law(self, points: Array) -> Law:
+        """Law of all locations and of users at coordinates (W, d) of one pass."""
+        return JointLaw([model.law(part) for model, part in self.split(points)])
 
 
 class Unpooled(Model):
@@ -139,6 +95,8 @@ class Unpooled(Model):
         If a cell has one subject.
     """
 
+    draws_per_pass = 1024
+
     def __init__(
         self,
         cells: tuple[tuple[str, str], ...],
@@ -151,6 +109,7 @@ class Unpooled(Model):
                 hint='Add subjects, or use pooling = "partial".',
             )
         self.cells = cells
+        self.cell_rows = np.eye(len(cells))
         self.names = [f"log sigma[{parameter},{environment}]" for parameter, environment in cells]
         self.priors_in_force: dict[str, float] = {}
         self._n = np.asarray(counts, dtype=float)
@@ -173,33 +132,10 @@ class Unpooled(Model):
         """exp(t), sigma over the cell's SD, (W, C)."""
         return np.exp(points * self._unit)
 
-    @property
-    def cell_rows(self) -> Array:
-        """Each cell by itself."""
-        return np.eye(len(self.cells))
-
-    def moments(self, points: Array, rows: Array | None = None) -> Moments:
-        """Laws of combinations of standardised cells, which are independent."""
-        weights = self.cell_rows if rows is None else rows
+    def law(self, points: Array) -> Law:
+        """Law of standardised cells, which are independent."""
         sigma = self._sigma_ratio(points)
-        population_sd = np.sqrt(np.square(sigma) @ np.square(weights).T)
-        sd = np.sqrt(np.square(sigma) / self._n @ np.square(weights).T)
-        return Moments(np.zeros_like(sd), sd, population_sd)
-
-    def draw(
-        self,
-        points: Array,
-        rng: np.random.Generator,
-        rows: Array | None = None,
-        *,
-        repeats: int = 1,
-    ) -> tuple[Array, Array]:
-        """Draw standardised locations and new users, cell by cell."""
-        weights = self.cell_rows if rows is None else rows
-        sigma = np.tile(self._sigma_ratio(points), (repeats, 1))
-        locations = sigma / np.sqrt(self._n) * rng.standard_normal(sigma.shape)
-        users = locations + sigma * rng.standard_normal(sigma.shape)
-        return locations @ weights.T, users @ weights.T
+        return IndependentLaw(sigma / np.sqrt(self._n), sigma)
 
     def scales(self, points: Array) -> Named:
         """Ratio of sigma to the sample SD per cell."""

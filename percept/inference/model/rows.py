@@ -24,8 +24,7 @@ from scipy import sparse
 from percept.inference.model.blocks import Block
 from percept.inference.model.design import Design, columns_by_quantity
 from percept.inference.model.scales import CellScales
-from percept.inference.model.statistics import Statistics
-from percept.inference.model.trials import Covariates, TrialScatter
+from percept.inference.model.statistics import Statistics, TrialScatter
 
 __all__ = ["Rows"]
 
@@ -42,17 +41,8 @@ class Rows:
         Cell means by pattern; its environments are the C cells.
     design : Design
         The columns.
-    scatter : TrialScatter
-        Scatter between trials.
     covariate_sd : float
         Prior SD of the slopes of covariates.
-    covariates : Covariates, optional
-        Each subject is then a pattern.
-
-    Raises
-    ------
-    ValueError
-        If several subjects share a pattern, and trial SDs or covariates are by subject.
 
     Attributes
     ----------
@@ -83,20 +73,18 @@ class Rows:
         self,
         statistics: Statistics,
         design: Design,
-        scatter: TrialScatter,
         covariate_sd: float,
-        covariates: Covariates | None = None,
     ) -> None:
         self.size, self.cells = statistics.x.shape
         self.environments = len(design.cells.environments)
         self.environment = design.cells.environment
         self.patterns = len(statistics.patterns)
-        self.covariates = covariates
+        self.covariates = statistics.covariates
         self.own = columns_by_quantity(design.deviation, self.size, self.cells)
         self.fixed = columns_by_quantity(design.fixed, self.size, self.cells)
         self._covariate_sd = covariate_sd
         self._set_units(statistics)
-        self._set_kinds(statistics, scatter)
+        self._set_kinds(statistics.scatter)
         self._set_columns()
         self._set_products()
 
@@ -118,6 +106,12 @@ class Rows:
     def own_sd(self, tau: Array) -> Array:
         """SDs (a, W) of own deviations, in the order of their columns, from (o, P, W)."""
         return tau.reshape(len(self.own), tau.shape[-1])
+
+    def latent_sd(self, tau: Array) -> Array:
+        """SDs of own deviations, and ones for the rest, whose columns hold them: (a J + r, W)."""
+        own = np.repeat(self.own_sd(tau), self.environments, axis=0)
+        rest = np.ones((self.basis.shape[1] - self.deviations, tau.shape[-1]))
+        return np.concatenate([own, rest])
 
     def noise(self, scales: CellScales) -> Block:
         """D of every kind, entries (kinds, W)."""
@@ -184,15 +178,13 @@ class Rows:
                 multipliers.append(self._values[self.covariates.names.index(name)])
         self.multipliers = np.stack(multipliers)
 
-    def _set_kinds(self, statistics: Statistics, scatter: TrialScatter) -> None:
+    def _set_kinds(self, scatter: TrialScatter) -> None:
         """Give every kind of units a number."""
         groups = np.zeros((self.cells, self.patterns), dtype=np.intp)
         number = np.arange(len(scatter.cell))
         if scatter.subject is None:
             groups[scatter.cell] = number[:, None]
         else:
-            if any(pattern.subjects > 1 for pattern in statistics.patterns):
-                raise ValueError("Subjects with trial SDs of their own need a pattern each.")
             groups[scatter.cell, self.pattern_of_subject[scatter.subject]] = number
         self.trial_groups = groups
         of_units = groups[self.cell, self.pattern]

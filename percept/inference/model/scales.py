@@ -34,7 +34,6 @@ from percept.inference.model.rough import tie_trial
 from percept.inference.model.spreads import CellSpreads, numbered
 from percept.inference.model.statistics import Statistics
 from percept.inference.model.subject_spreads import SubjectSpreads
-from percept.inference.model.trials import TrialScatter
 
 __all__ = ["CellScales", "Coordinates", "Scales", "effect_columns"]
 
@@ -107,10 +106,6 @@ class Coordinates:
         The columns.
     priors : Priors
         Prior scales.
-    scatter : TrialScatter
-        Scatter between trials, in T groups.
-    own_slopes : tuple of str
-        Covariates of which subjects have slopes of their own.
 
     Attributes
     ----------
@@ -129,22 +124,21 @@ class Coordinates:
         statistics: Statistics,
         design: Design,
         priors: Priors,
-        scatter: TrialScatter,
-        own_slopes: tuple[str, ...] = (),
     ) -> None:
-        self._own_slopes = own_slopes
+        #: Covariates of which subjects have slopes of their own.
+        self.own_slopes = statistics.covariates.within if statistics.covariates else ()
         self._statistics = statistics
         self._design = design
         self._priors = priors
-        self._scatter = scatter
+        self._scatter = statistics.scatter
         self.between = CellSpreads(statistics, design, priors, "")
         self.trial: CellSpreads | None = None
         self._subject_spreads: SubjectSpreads | None = None
         if statistics.repeats:
             self.trial = CellSpreads(statistics, design, priors, "_e")
-            if scatter.subject is not None:
+            if self._scatter.subject is not None:
                 self._subject_spreads = SubjectSpreads(
-                    scatter,
+                    self._scatter,
                     len(statistics.subjects),
                     len(statistics.environments),
                     tie_trial(statistics),
@@ -183,7 +177,7 @@ class Coordinates:
             self._name("phi", parameters, self._statistics.subjects, standard=False)
             self._name("omega_s", parameters, half_normal=priors.omega_s_scale)
         own = [(_name_of("sigma", term), _name_of("rho", term)) for term in design.subject]
-        own += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self._own_slopes]
+        own += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self.own_slopes]
         for sigma, rho in own:
             self._name(sigma, parameters, half_normal=priors.sigma_u_scale)
             if pair:
@@ -300,7 +294,7 @@ class Coordinates:
             sd = named[_name_of("sigma", term)]
             covariances.append(_covariance(sd, _name_of("rho", term), named, rests))
         slopes = []
-        for covariate in self._own_slopes:
+        for covariate in self.own_slopes:
             sd = named[f"sigma_v:{covariate}"]
             slopes.append(_covariance(sd, f"rho_v:{covariate}", named, rests))
         effects = effect_columns(covariances, sizes, self._design)

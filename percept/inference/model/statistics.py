@@ -1,7 +1,8 @@
 """Sufficient statistics of a matching study: what the density reads instead of trials.
 
-Subjects who share one vector of trial counts are a pattern. Arrays have N subjects, P quantities, J
-cells, and E cells in a pattern.
+Subjects who share one vector of trial counts are a pattern. Where subjects have trial SDs of their
+own, or covariates, each is a pattern (`trials`). Arrays have N subjects, P quantities, J cells, E
+cells in a pattern, T groups of trials, and M covariates.
 """
 
 from __future__ import annotations
@@ -16,15 +17,20 @@ from scipy import linalg
 from percept.errors import RefusalError
 
 __all__ = [
+    "Covariates",
     "Pattern",
     "Statistics",
-    "apart_by_subject",
+    "TrialScatter",
     "from_summary",
     "from_trials",
+    "group_means",
+    "triangle",
 ]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+_LOG_2PI = math.log(2.0 * math.pi)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,6 +50,34 @@ class Pattern:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class TrialScatter:
+    """Scatter between trials in T groups: the cells, or the cells of every subject.
+
+    A trial departs from the mean of its subject in its cell. The departures of a group of trials
+    form a matrix whose triangle has the same products, and so all that a density needs of them.
+    """
+
+    cell: Indices  # (T,) Cell of each group
+    subject: Indices | None  # (T,) Subject of each group; None where subjects are pooled
+    df: Array  # (T,) Degrees of freedom
+    rows: Array  # (P, P, T) Rows of responses, less what covariates explain, as [quantity, row]
+    squares: Array  # (P, T) Sums of squares of the responses about their means
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Covariates:
+    """Covariates of the subjects' cell means, and rows of trials that tell of slopes too."""
+
+    names: tuple[str, ...]
+    within: tuple[str, ...]  # Those that vary within subjects, who have slopes of their own
+    mean: Array  # (M, N, C) Means of each subject's trials, zero where there is no cell
+    row_subject: Indices  # (n,) Of n rows of trials about the mean of their cell
+    row_cell: Indices  # (n,)
+    row_values: Array  # (M, n) Of the covariates
+    row_responses: Array  # (P, n)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Statistics:
     """Sufficient statistics of the hierarchical model."""
 
@@ -53,11 +87,12 @@ class Statistics:
     x: Array  # (P, J) log10 of each reference over the geometric mean of the references
     patterns: tuple[Pattern, ...]  # Distinct patterns of trial counts
     trial_df: Array  # (J,) Degrees of freedom of the pooled scatter between trials
-    trial_rows: Array  # (P, P, J) Rows whose sum of outer products is that scatter
-    constant: float  # Part of the log density that no scale enters (powers of the counts)
+    trial_rows: Array  # (P, P, J) Rows whose outer products sum to it, less subjects' own slopes
+    scatter: TrialScatter  # Between trials, as the density reads it
     sd: Array  # (P, J) Between-subject SD of the cell means, zero where there is none
     df: Array  # (P, J) Its degrees of freedom
     cell_means: Array  # (N, P, J) Cell means per subject, NaN where a subject has none
+    covariates: Covariates | None = None
 
     @property
     def repeats(self) -> bool:
@@ -68,6 +103,31 @@ class Statistics:
     def summary(self) -> bool:
         """Whether these are published means and SDs, without subjects."""
         return not self.subjects
+
+    @property
+    def constant(self) -> float:
+        """Part of the log density that no scale enters: powers of 2 pi and of the counts."""
+        logs = 0.0
+        for pattern in self.patterns:
+            # Means of r trials and of N subjects have densities with r^(P/2) and N^(P/2) in front.
+            of_subject = _LOG_2PI * pattern.trials.sum() + np.log(pattern.trials).sum()
+            logs += pattern.subjects * of_subject
+            logs += pattern.environments.size * math.log(pattern.subjects)
+        return -0.5 * len(self.parameters) * logs
+
+    def without_scatter(self) -> Statistics:
+        """Statistics of the same design before anything is observed."""
+        scatter = dataclasses.replace(
+            self.scatter,
+            rows=np.zeros_like(self.scatter.rows),
+            squares=np.zeros_like(self.scatter.squares),
+        )
+        return dataclasses.replace(
+            self,
+            scatter=scatter,
+            sd=np.zeros_like(self.sd),
+            trial_rows=np.zeros_like(self.trial_rows),
+        )
 
 
 def from_trials(
@@ -107,68 +167,28 @@ def from_trials(
             f"one subject ({', '.join(subjects)}) shows no spread between subjects.",
             hint="Add the sessions of at least one more subject.",
         )
-    size = len(parameters)
     shape = (len(subjects), len(environments))
-    cells = len(subjects) * len(environments)
     cell = subject * len(environments) + environment
-    counts = np.bincount(cell, minlength=cells)
-    with np.errstate(invalid="ignore"):
-        means = _sums(response.T, cell, cells) / counts
-    # A second pass over the deviations: the first mean's rounding does not reach the scatter.
-    rest = _sums(response.T - means[:, cell], cell, cells)
-    means = means + np.where(counts > 0, rest / np.maximum(counts, 1), np.nan)
-    deviation = response.T - means[:, cell]
-    trial_rows = np.zeros((size, size, len(environments)))
-    for j in range(len(environments)):
-        factor = _triangle(deviation[:, environment == j].T)
-        trial_rows[:, : len(factor), j] = factor.T
-    cell_means = means.reshape(size, *shape).transpose(1, 0, 2)
-    counts = counts.reshape(shape)
-    patterns = tuple(_patterns(counts, cell_means))
+    counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)
+    means = group_means(response, cell, math.prod(shape))
+    deviation = response - means[cell]
+    triangles = [triangle(deviation[environment == j]).T for j in range(len(environments))]
+    cell_means = np.ascontiguousarray(means.reshape(*shape, -1).swapaxes(1, 2))
     sd, df = _between(cell_means)
-    # Means of r trials and of N subjects have densities with r^(P/2) and N^(P/2) in front.
-    log_trials = float(np.log(counts[counts > 0]).sum())
-    log_subjects = sum(p.environments.size * math.log(p.subjects) for p in patterns)
-    trial_df = np.maximum(counts - 1, 0).sum(axis=0)
+    scatter = _of_cells(np.stack(triangles, axis=2), np.maximum(counts - 1.0, 0.0).sum(axis=0))
     return Statistics(
         parameters=parameters,
         environments=environments,
         subjects=subjects,
         x=np.asarray(x, dtype=float),
-        patterns=patterns,
-        trial_df=trial_df.astype(float),
-        trial_rows=trial_rows,
-        constant=-0.5 * size * log_trials - 0.5 * size * log_subjects,
+        patterns=tuple(_patterns(counts, cell_means)),
+        trial_df=scatter.df,
+        trial_rows=scatter.rows,
+        scatter=scatter,
         sd=sd,
         df=df,
         cell_means=cell_means,
     )
-
-
-def apart_by_subject(statistics: Statistics) -> Statistics:
-    """Give every subject a pattern of its own, for covariances that differ between subjects."""
-    size = len(statistics.parameters)
-    patterns = []
-    log_subjects = 0.0
-    for pattern in statistics.patterns:
-        log_subjects += pattern.environments.size * math.log(pattern.subjects)
-        for member in pattern.members:
-            mean = statistics.cell_means[member][:, pattern.environments]
-            lone = dataclasses.replace(
-                pattern,
-                members=np.array([member]),
-                mean=mean,
-                rows=np.zeros((size, 0, pattern.environments.size)),
-            )
-            patterns.append(lone)
-    # The constant no longer has the powers of the patterns' numbers of subjects.
-    constant = statistics.constant + 0.5 * size * log_subjects
-    return dataclasses.replace(statistics, patterns=tuple(patterns), constant=constant)
-
-
-def _sums(rows: Array, cell: Indices, cells: int) -> Array:
-    """Sum rows (P, trials) over the trials of each cell: (P, cells)."""
-    return np.stack([np.bincount(cell, weights=row, minlength=cells) for row in rows])
 
 
 def from_summary(
@@ -196,18 +216,54 @@ def from_summary(
         )
         patterns.append(pattern)
     size = len(environments)
+    scatter = _of_cells(np.zeros((1, 1, size)), np.zeros(size))
     return Statistics(
         parameters=(parameter,),
         environments=environments,
         subjects=(),
         x=np.reshape(x, (1, -1)),
         patterns=tuple(patterns),
-        trial_df=np.zeros(size),
-        trial_rows=np.zeros((1, 1, size)),
-        constant=-0.5 * float(np.log(n).sum()),
+        trial_df=scatter.df,
+        trial_rows=scatter.rows,
+        scatter=scatter,
         sd=np.reshape(sd, (1, -1)),
         df=np.reshape(n, (1, -1)) - 1.0,
         cell_means=np.empty((0, 1, size)),
+    )
+
+
+def group_means(
+    values: Array,
+    group: Indices,
+    groups: int,
+) -> Array:
+    """Means of values (trials, k) by the group of each trial, (groups, k); NaN of no trials."""
+    counts = np.bincount(group, minlength=groups)
+    means = np.zeros((groups, values.shape[1]))
+    # A second pass over the deviations: the first mean's rounding does not reach the scatter.
+    for _ in range(2):
+        rest = values - means[group]
+        sums = [np.bincount(group, weights=column, minlength=groups) for column in rest.T]
+        means += np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None]
+    means[counts == 0] = np.nan
+    return means
+
+
+def triangle(rows: Array) -> Array:
+    """Square upper triangle R with R'R = rows'rows, for rows (n, K)."""
+    size = rows.shape[1]
+    factor = np.linalg.qr(rows, mode="r")
+    return np.pad(factor, ((0, size - len(factor)), (0, 0)))
+
+
+def _of_cells(rows: Array, df: Array) -> TrialScatter:
+    """Scatter between trials of the cells, subjects pooled."""
+    return TrialScatter(
+        cell=np.arange(len(df)),
+        subject=None,
+        df=df,
+        rows=rows,
+        squares=np.square(rows).sum(axis=1),
     )
 
 
@@ -223,7 +279,8 @@ def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
         mean = mean + (values - mean).mean(axis=0)
         flat = (values - mean).reshape(members.size, -1)
         few = members.size <= flat.shape[1]
-        rows = _contrasts(flat) if few else _triangle(flat)
+        # Helmert contrasts: N - 1 rows with the scatter of N rows about their mean.
+        rows = linalg.helmert(len(flat)) @ flat if few else triangle(flat)
         by_parameter = rows.reshape(len(rows), *mean.shape).transpose(1, 0, 2)
         pattern = Pattern(
             environments=present,
@@ -234,16 +291,6 @@ def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
         )
         patterns.append(pattern)
     return patterns
-
-
-def _triangle(rows: Array) -> Array:
-    """Upper triangular R with R'R = rows'rows."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
-
-
-def _contrasts(flat: Array) -> Array:
-    """Helmert contrasts: N - 1 rows with the scatter of N rows about their mean."""
-    return np.asarray(linalg.helmert(len(flat)) @ flat)
 
 
 def _between(cell_means: Array) -> tuple[Array, Array]:

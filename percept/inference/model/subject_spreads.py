@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.inference.model.trials import TrialScatter
+from percept.inference.model.statistics import TrialScatter
 
 __all__ = ["SubjectSpreads", "chance_of_differences"]
 

@@ -102,7 +102,7 @@ def draw_subject_effects(
         On the response scale, (W, N, P). None without such effects, and with covariates: the
         locations hold no slopes.
     """
-    if model.covariates is not None or not model.design.subject:
+    if model.statistics.covariates is not None or not model.design.subject:
         return None
     effects = []
     first = 0

@@ -10,8 +10,8 @@ import numpy as np
 from percept.inference.model.design import Cells, Factors, Options, design_of
 from percept.inference.model.model import LinearModel, Resolution
 from percept.inference.model.priors import Priors
-from percept.inference.model.statistics import apart_by_subject, from_trials
-from percept.inference.model.trials import trial_scatter, with_covariates
+from percept.inference.model.statistics import from_trials
+from percept.inference.model.trials import by_subject
 from tests.inference.twin import Study, Twin
 
 HAND = {"hand": ("left", "right")}
@@ -192,23 +192,20 @@ def model_of(
         environments=cells.names,
         subjects=tuple(f"S{i}" for i in range(study.subject.max() + 1)),
     )
-    held = None
-    scatter = None
-    trials = (study.response, *at)
-    if own:
-        statistics = apart_by_subject(statistics)
-        scatter = trial_scatter(*trials, by_subject=True)
-    if covariates:
-        values = study.covariates
-        statistics, scatter, held = with_covariates(
-            values, covariates, trials, statistics, by_subject=own
+    if own or covariates:
+        statistics = by_subject(
+            statistics,
+            (study.response, *at),
+            own_trial_sds=own,
+            covariates=covariates,
+            values=study.covariates if covariates else None,
         )
     resolution = None
     if any(study.resolution):
         between, trial = study.resolution
         resolution = Resolution(np.full(study.x.shape, between), np.full(study.x.shape, trial))
     design = design_of(cells, factors, priors, options)
-    return LinearModel(statistics, design, priors, held, scatter, resolution)
+    return LinearModel(statistics, design, priors, resolution)
 
 
 def trials_of(asked, rng, subjects, grid, levels):

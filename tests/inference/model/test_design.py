@@ -4,17 +4,9 @@ import numpy as np
 import pytest
 
 from percept.inference.model.design import contrast_columns
-from percept.inference.model.model import LinearModel
 from percept.inference.model.subject_spreads import SubjectSpreads
 from percept.inference.model.trials import trial_scatter
 from tests.inference.model.designs import made
-
-
-def test_trial_sds_of_subjects_who_share_a_pattern_are_refused():
-    model = made("plain").model
-    own = made("subjects' trial SDs").model.scatter
-    with pytest.raises(ValueError, match="need a pattern each"):
-        LinearModel(model.statistics, model.design, scatter=own)
 
 
 def test_subjects_trial_sds_stand_at_their_rough_likelihood():
@@ -24,7 +16,7 @@ def test_subjects_trial_sds_stand_at_their_rough_likelihood():
     subject = np.repeat(np.arange(4), 4000)
     cell = np.tile(np.arange(2), 8000)
     response = np.exp(true[subject] + 0.3 * cell)[:, None] * rng.normal(size=(16000, 1))
-    scatter = trial_scatter(response, subject, cell, by_subject=True)
+    scatter = trial_scatter(response, subject, cell)
     spreads = SubjectSpreads(scatter, 4, 2, 0.0)
     phi, _ = spreads(np.zeros((1, 4, 1)), np.array([[10.0]]))
     ratios = phi[0, :, 0] - phi[0, :, 0].mean()

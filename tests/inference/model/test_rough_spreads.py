@@ -169,7 +169,7 @@ def explained():
     """A study whose second cell repeats one trial, once, and has a covariate."""
     drawn = draw_study(KINDS["covariate, missing cells"], np.random.default_rng(224))
     model = model_of(drawn.observed)
-    assert model.scatter.df.tolist() == [5, 1, 5, 4]
+    assert model.statistics.scatter.df.tolist() == [5, 1, 5, 4]
     return model
 
 
