@@ -5,25 +5,17 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.record import Family
-from percept.scene import InferenceTable, Scene
+from percept.scene import InferenceTable
 from percept.sessions.quantities import Quantities
 
-if TYPE_CHECKING:
-    from percept.inference.model.priors import Priors
-
-
 Array = NDArray[np.float64]
-#: A setting lies near its reference, but a mean may lie anywhere: priors of locations, in which
-#: means differ, are so many times as wide.
-_WIDER_FOR_MEANS = 10.0
-_LOCATIONS = ("alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "covariate_sd")
 #: By parameter and environment, in the parameter's unit; NaN where there is none.
 References = Mapping[tuple[str, str], float]
 
@@ -69,18 +61,6 @@ def select(what: str, asked: str | Collection[str] | None, there: Sequence[str])
                 f"the study has no such {what}; there are {', '.join(there)}.", value=name
             )
     return names
-
-
-def priors_of(scene: Scene, parameters: Collection[str]) -> Priors:
-    """Return the scene's priors for a model of these parameters."""
-    # SciPy comes with them: studies are planned without it.
-    from percept.inference.model.priors import Priors
-
-    in_force = dict(scene.model.priors)
-    if not any(scene.quantities[parameter].is_matched for parameter in parameters):
-        for name in _LOCATIONS:
-            in_force.setdefault(name, _WIDER_FOR_MEANS * getattr(Priors, name))
-    return Priors(**in_force)
 
 
 @enum.unique

@@ -130,7 +130,7 @@ def subject_tables(
         good_k=loo.good_k,
         subjects=tuple(own),
         cells=tuple(cells),
-        messages=tuple(_messages(own, cells, fit.quantities)),
+        messages=tuple(_messages(own, cells, fit.data.quantities)),
     )
 
 

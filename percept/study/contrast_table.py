@@ -76,7 +76,7 @@ class ContrastTable:
         """Scale of differences in the quantity's unit; None for ratios and for references."""
         if not self.data.by_difference(self.parameter):
             return None
-        return self.data.scene.model.scale.get(self.parameter)
+        return self.data.scene.model.scale.get(self.parameter, 1.0)
 
     @property
     def _unit(self) -> str:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -23,10 +23,10 @@ from percept.sessions.doubts import empty_cells
 from percept.sessions.quantities import Quantities, Quantity, is_impedance
 from percept.study.basics import FAMILIES, Array, References, analysed_parameters
 from percept.study.conditions import Conditions, conditions_of
-from percept.study.responses import Trials, references, trials
+from percept.study.responses import Trials, trials
 from percept.study.subject_cells import SubjectCells, subject_cells
 
-TOO_FEW = "it has fewer than two subjects"
+_Names = NDArray[np.object_]
 #: Others whose scatter a distance is measured in: one alone has none.
 _FEWEST_OTHERS = 2
 
@@ -41,15 +41,6 @@ class Cell:
     moments: Moments | None
     why: str = ""  # Why there are none
 
-    @classmethod
-    def of(cls, quantity: Quantity, environment: str, found: Moments | str) -> Self:
-        """Make a cell of its moments, or of why there are none, such as no scatter."""
-        if isinstance(found, str):
-            return cls(quantity, environment, None, found)
-        if np.all(found.sd == 0):
-            return cls(quantity, environment, None, "all subjects made the same adjustments")
-        return cls(quantity, environment, found)
-
     @property
     def parameter(self) -> str:
         """Name of the quantity."""
@@ -59,34 +50,6 @@ class Cell:
     def where(self) -> str:
         """The cell in words."""
         return f"{self.quantity.label} in {self.environment}"
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class ValuesOfSubjects:
-    """Trials of one environment that have all of P parameters."""
-
-    adjusted: Array  # (M, P) In the parameters' units
-    subjects: NDArray[np.object_]  # (M,) Whose they are
-
-    @property
-    def count(self) -> int:
-        """Number of subjects, N."""
-        return len(set(self.subjects.tolist()))
-
-    def means(self, family: Family) -> Array:
-        """Mean of each subject on a family's scale, (N, P), in the parameters' units."""
-        columns = [
-            subject_means(values, self.subjects, family=family).values for values in self.adjusted.T
-        ]
-        return np.stack(columns, axis=1)
-
-    def moments(self, family: Family) -> Moments | str:
-        """Moments of the subjects' means of the one parameter, or why there are none."""
-        if self.count < 2:
-            return TOO_FEW
-        if family == "lognormal" and np.any(self.adjusted <= 0):
-            return "a value is zero or negative"
-        return subject_means(self.adjusted[:, 0], self.subjects, family=family).moments()
 
 
 class Data:
@@ -140,12 +103,16 @@ class Data:
     @cached_property
     def reference(self) -> References:
         """Reference per (parameter, environment), in the parameter's unit; NaN where none is."""
-        table = references(self.sessions, self.parameters, self.environments)
-        by_cell = {}
-        for parameter, row in zip(self.parameters, table.tolist(), strict=True):
-            for environment, value in zip(self.environments, row, strict=True):
-                by_cell[parameter, environment] = value
-        return by_cell
+        table = self.sessions.table
+        if self.sessions.form == "summary":
+            keyed = table.set_index(["parameter", "environment"])["reference"]
+            cells = itertools.product(self.parameters, self.environments)
+            return {cell: float(keyed.get(cell, np.nan)) for cell in cells}
+        columns = [f"{parameter}_ref" for parameter in self.parameters]
+        first = table.groupby("environment", sort=False)[columns].first()
+        values = first.loc[list(self.environments)].to_numpy(dtype=float).T
+        cells = itertools.product(self.parameters, self.environments)
+        return dict(zip(cells, values.ravel().tolist(), strict=True))
 
     def by_difference(self, parameter: str) -> bool:
         """Whether a reference is zero or negative, so that settings are compared by differences."""
@@ -156,31 +123,18 @@ class Data:
         """Factors and covariates of the scene's terms."""
         return conditions_of(self.sessions, self.scene)
 
-    def trials(
-        self, *parameters: str, partial: bool = False, scaled: tuple[str, ...] = ()
-    ) -> Trials:
-        """Trials of parameters as responses; arguments and errors as of `responses.trials`."""
-        key = (parameters, partial, scaled)
-        if key not in self._trials:
-            self._trials[key] = trials(
-                self.sessions, self.scene, parameters, partial=partial, scaled=scaled
-            )
-        return self._trials[key]
-
-    def trials_as_they_are(self, *parameters: str) -> Trials:
-        """Trials of parameters, differences without a scale of the scene's in their own unit.
+    def trials(self, *parameters: str, partial: bool = False) -> Trials:
+        """Trials of parameters as responses; arguments and errors as of `responses.trials`.
 
         RefusalError of published limits too.
         """
         if self.sessions.form == "summary":
             raise RefusalError("published limits hold no trials")
-        scales = {name: 1.0 for name in parameters if self.by_difference(name)}
-        scales |= self.scene.model.scale
-        model = self.scene.model.model_copy(update={"scale": scales})
-        scene = self.scene.model_copy(update={"model": model})
-        key = ("as they are", *parameters)
+        key = (parameters, partial)
         if key not in self._trials:
-            self._trials[key] = trials(self.sessions, scene, parameters, partial=True)
+            self._trials[key] = trials(
+                self.sessions, self.scene, self.reference, parameters, partial=partial
+            )
         return self._trials[key]
 
     def subject_cells(self, parameter: str) -> SubjectCells:
@@ -196,13 +150,20 @@ class Data:
     def _tables(self) -> dict[str, pd.DataFrame]:
         return dict(self.sessions.by_environment())
 
-    def values(self, environment: str, *parameters: str) -> ValuesOfSubjects:
-        """Trials of an environment that have all of some parameters."""
+    def means(self, environment: str, *parameters: str, family: Family) -> Array:
+        """Mean of each subject's trials on a family's scale, (N, P), in the parameters' units.
+
+        Of trials with all of P parameters; RefusalError where a value has no logarithm.
+        """
+        subjects, adjusted = self._adjusted(environment, parameters)
+        columns = [subject_means(values, subjects, family=family).values for values in adjusted.T]
+        return np.stack(columns, axis=1)
+
+    def _adjusted(self, environment: str, parameters: tuple[str, ...]) -> tuple[_Names, Array]:
+        """Subjects of the trials with all of P parameters, (M,), and their values, (M, P)."""
         columns = [f"{parameter}_adj" for parameter in parameters]
         known = self._tables[environment].dropna(subset=columns)
-        return ValuesOfSubjects(
-            known[columns].to_numpy(dtype=float), known["subject"].to_numpy(dtype=object)
-        )
+        return known["subject"].to_numpy(dtype=object), known[columns].to_numpy(dtype=float)
 
     @cached_property
     def cells(self) -> dict[Family, list[Cell]]:
@@ -210,11 +171,24 @@ class Data:
         found: dict[Family, list[Cell]] = {}
         for family in FAMILIES:
             found[family] = [
-                Cell.of(self.quantities[parameter], name, self._moments(name, parameter, family))
+                self._cell(name, parameter, family)
                 for parameter in self.parameters
                 for name in self.environments
             ]
         return found
+
+    def _cell(self, environment: str, parameter: str, family: Family) -> Cell:
+        """Make a cell of its moments, or of why there are none, such as no scatter."""
+        quantity = self.quantities[parameter]
+        if self.sessions.form == "summary":
+            found = _published(self._tables[environment], parameter, family)
+        else:
+            found = _of_subjects(*self._adjusted(environment, (parameter,)), family)
+        if isinstance(found, str):
+            return Cell(quantity, environment, None, found)
+        if np.all(found.sd == 0):
+            return Cell(quantity, environment, None, "all subjects made the same adjustments")
+        return Cell(quantity, environment, found)
 
     def moments(self, family: Family) -> dict[tuple[str, str], Moments]:
         """Moments on a family's scale, of the cells that have some, by (parameter, environment)."""
@@ -224,23 +198,16 @@ class Data:
             if cell.moments is not None
         }
 
-    def _moments(self, environment: str, parameter: str, family: Family) -> Moments | str:
-        if self.sessions.form == "summary":
-            return _published(self._tables[environment], parameter, family)
-        return self.values(environment, parameter).moments(family)
-
     @cached_property
     def normality(self) -> tuple[NormalityTest, ...]:
         """Tests of subjects' values and of their logarithms, of cells that these are for."""
         tests = []
         names = self.environments if self.sessions.form == "trials" else ()
-        for environment in names:
-            for parameter in self.parameters:
-                for family in FAMILIES:
-                    with suppress(PerceptError):
-                        means = self.values(environment, parameter).means(family)
-                        test = check_normality(means[:, 0], family=family)
-                        tests.append(NormalityTest(environment, parameter, **vars(test)))
+        for environment, parameter, family in itertools.product(names, self.parameters, FAMILIES):
+            with suppress(PerceptError):
+                means = self.means(environment, parameter, family=family)
+                test = check_normality(means[:, 0], family=family)
+                tests.append(NormalityTest(environment, parameter, **vars(test)))
         return tuple(tests)
 
     @cached_property
@@ -255,8 +222,8 @@ class Data:
         )
 
     def _values_of_cell(self, environment: str, parameter: str) -> CellValues:
-        found = self.values(environment, parameter)
-        values = found.means("normal")[:, 0].tolist() if found.count else []
+        subjects, adjusted = self._adjusted(environment, (parameter,))
+        values = subject_means(adjusted[:, 0], subjects).values.tolist() if len(subjects) else []
         moments = Moments.from_values(values) if len(values) > 1 else None
         return CellValues(
             environment=environment,
@@ -332,6 +299,15 @@ class Data:
                 distance=_distance(centred, subject),
                 unit="" if relative else self.quantities[parameter].unit,
             )
+
+
+def _of_subjects(subjects: _Names, adjusted: Array, family: Family) -> Moments | str:
+    """Moments of the subjects' means of one parameter, or why there are none."""
+    if len(set(subjects.tolist())) < 2:
+        return "it has fewer than two subjects"
+    if family == "lognormal" and np.any(adjusted <= 0):
+        return "a value is zero or negative"
+    return subject_means(adjusted[:, 0], subjects, family=family).moments()
 
 
 def _published(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:

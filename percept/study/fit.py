@@ -13,11 +13,10 @@ from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.model.laws import Moments
 from percept.inference.model.limits import Limits, limits_of
 from percept.inference.model.model import Model
-from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
+from percept.inference.sampling.gate import Progress, Run, Settings
 from percept.results import IntervalRow, Skipped
 from percept.scene import InferenceTable
 from percept.study.basics import Array, claim_of
-from percept.study.data import Data
 from percept.study.intervals import bayesian_row
 from percept.study.prepare import Prepared
 
@@ -97,18 +96,11 @@ class Fit(Prepared):
         if self.trials is None or len(parts) != 1:
             needed = "they need the sessions of subjects, pooled over environments"
             return Skipped("checks of the model", needed)
-        data = self.trials
         ((density, _),) = parts
-        if self.contrasts is not None and self.contrasts.slopes:
+        if density.statistics.covariates is not None:
             return Skipped("checks of the model", "they do not follow covariates")
-        return SubjectDensity(density, data.response, data.subject, data.environment)
-
-
-class ModelEstimands(Estimands, Protocol):
-    """Reported quantities of a model."""
-
-    def identity(self) -> tuple[object, ...]:
-        """Return what beside the model decides the limits."""
+        trials = self.trials
+        return SubjectDensity(density, trials.response, trials.subject, trials.environment)
 
 
 class RunStore(Protocol):
@@ -139,28 +131,23 @@ def simpler_models(model: Model) -> list[str]:
     return settings
 
 
-def fit_of(prepared: Prepared, asked: InferenceTable, run: Run) -> Fit:
-    """Put a model and its finished run together, with the limits that the scene asks for."""
-    estimates = run.estimates
+def fitted(prepared: Prepared, *, contrasts: bool = True, **how: Any) -> Fit:
+    """Sample the cells and contrasts of a model; `how` is the sampler's progress and store."""
+    asked = prepared.data.asked
+    plan = prepared.contrasts if contrasts else None
+    run = sampled(prepared.model, asked, plan.estimands(asked) if plan else None, **how)
     limits = {}
     for kind in asked.kinds:
-        ends = limits_of(estimates.names, estimates.value, kind, prepared.model.cells)
+        ends = limits_of(run.estimates.names, run.estimates.value, kind, prepared.model.cells)
         lower, upper = prepared.scale.native(np.stack(ends))
         limits[str(kind)] = (lower, upper)
     return Fit(**vars(prepared), run=run, limits=limits)
 
 
-def fitted(prepared: Prepared, asked: InferenceTable, **how: Any) -> Fit:
-    """Sample the cells and contrasts of a model; `how` is the sampler's progress and store."""
-    plan = prepared.contrasts
-    estimands = plan.estimands(asked) if plan else None
-    return fit_of(prepared, asked, sampled(prepared.model, asked, estimands, **how))
-
-
 def sampled(
     model: Model,
     asked: InferenceTable,
-    estimands: ModelEstimands | None = None,
+    estimands: Limits | None = None,
     *,
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
@@ -195,26 +182,21 @@ def sampled(
     return dataclasses.replace(run, points=points, components=components)
 
 
-def bayesian_rows(fit: Fit, data: Data) -> Iterator[IntervalRow | Skipped]:
+def bayesian_rows(fit: Fit) -> Iterator[IntervalRow | Skipped]:
     """Yield a row of the interval table for every interval of a fit that passed."""
     yield from fit.skipped
     if not fit.passed:
         yield Skipped("Bayesian intervals", fit.withheld)
         return
-    for kind in data.asked.kinds:
+    for kind in fit.data.asked.kinds:
         lower, upper = fit.limits[kind]
         for cell, c in fit.column.items():
-            parameter, environment = cell
             yield bayesian_row(
-                data.asked,
+                fit.data,
                 kind,
                 cell,
                 (lower[c], upper[c], fit.estimate[c]),
-                data.reference[cell],
-                users=data.scene.user_noun,
-                left_out=data.sessions.left_out(environment, parameter),
-                unit=fit.quantities[parameter].unit,
+                fit.data.reference[cell],
                 n=int(fit.counts[c]),
                 repeats=fit.repeats,
-                approximate=fit.approximate,
             )

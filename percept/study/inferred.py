@@ -109,7 +109,7 @@ class Inferred:
         if self.fit is not None:
             from percept.study.fit import bayesian_rows
 
-            yield from bayesian_rows(self.fit, self.data)
+            yield from bayesian_rows(self.fit)
 
     @property
     def intervals(self) -> pd.DataFrame:
@@ -217,7 +217,7 @@ class Inferred:
         found = self._kept("fit", [prepared_beside(self.data)])
         if not found:
             return None
-        return fitted(found[0], self.data.asked, progress=self.progress, store=self.store)
+        return fitted(found[0], progress=self.progress, store=self.store)
 
     @property
     def passed(self) -> Fit | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -11,7 +10,6 @@ from percept.errors import RefusalError
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.record import ROW, Interval, Joint, Kind
 from percept.results import IntervalRow, MethodPair, Skipped
-from percept.scene import InferenceTable
 from percept.study.basics import IF_BY_TRIAL, claim_of, known
 from percept.study.data import Data
 
@@ -40,48 +38,52 @@ def classical_rows(data: Data) -> Iterator[IntervalRow | Skipped]:
             at = cell.parameter, cell.environment
             for kind, joint in itertools.product(asked.kinds, joints):
                 interval = interval_of(kind, cell.moments, Claim(joint=joint, **how))
-                left_out = data.sessions.left_out(cell.environment, cell.parameter)
-                yield _row(interval, at, data.reference[at], data.scene.user_noun, left_out)
+                yield _row(data, interval, at, data.reference[at])
 
 
 def bayesian_row(
-    asked: InferenceTable,
+    data: Data,
     kind: Kind,
     cell: tuple[str, str],
     limits: tuple[float, float, float],
     reference: float,
     *,
-    users: tuple[str, str] = ("user", "users"),
-    left_out: int = 0,
-    **rest: Any,
+    n: int,
+    repeats: bool | None,
 ) -> IntervalRow:
-    """Make the row of a posterior interval; `rest` are fields of `Interval`."""
+    """Make the row of a posterior interval from lower limit, upper limit and estimate."""
+    asked = data.asked
+    is_share = kind == "share"
     lower, upper, estimate = map(float, limits)
-    if kind == "share":
-        rest |= {"share": asked.share, "confidence": asked.confidence}
     interval = Interval(
-        kind=kind, method="bayesian", family=asked.family, level=asked.level,
-        lower=lower, upper=upper, estimate=estimate, **rest,
-    )  # fmt: skip
-    return _row(interval, cell, reference, users, left_out)
+        kind=kind,
+        method="bayesian",
+        family=asked.family,
+        level=asked.level,
+        share=asked.share if is_share else None,
+        confidence=asked.confidence if is_share else None,
+        lower=lower,
+        upper=upper,
+        estimate=estimate,
+        n=n,
+        unit=data.quantities[cell[0]].unit,
+        repeats=repeats,
+        # Moments of logarithms are matched to published limits.
+        approximate=data.sessions.form == "summary" and asked.family == "lognormal",
+    )
+    return _row(data, interval, cell, reference)
 
 
-def _row(
-    interval: Interval,
-    cell: tuple[str, str],
-    reference: float,
-    users: tuple[str, str],
-    left_out: int,
-) -> IntervalRow:
-    """Make a row; `users` are the study's words for one user and for several."""
+def _row(data: Data, interval: Interval, cell: tuple[str, str], reference: float) -> IntervalRow:
+    """Make a row of an interval in a cell, (parameter, environment)."""
     parameter, environment = cell
-    fields = interval.as_dict() | {"covers": interval.covers_of(*users)}
+    fields = interval.as_dict() | {"covers": interval.covers_of(*data.scene.user_noun)}
     fields |= {name: float(fields[name]) for name in ("lower", "upper", "estimate")}
     return IntervalRow(
         environment=environment,
         parameter=parameter,
-        reference=None if math.isnan(reference) else reference,
-        left_out=left_out,
+        reference=known(reference),
+        left_out=data.sessions.left_out(environment, parameter),
         **fields,
     )
 

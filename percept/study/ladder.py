@@ -17,8 +17,8 @@ from percept.inference.record import Kind
 from percept.results import IntervalRow, Ladder, LadderEffect
 from percept.scene import InferenceTable, Scene
 from percept.study.data import Data
-from percept.study.fit import Fit, fit_of, sampled
-from percept.study.prepare import modelled_together, prepare, prepare_apart
+from percept.study.fit import Fit, fitted
+from percept.study.prepare import modelled_together, prepare
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
 _TOLERANCE = 0.05
@@ -103,13 +103,11 @@ def climb(data: Data, rows: Sequence[IntervalRow], fit: Fit, **how: Any) -> Ladd
 def _fitted(part: Data, *, together: bool, **how: Any) -> Fit | str:
     """Fit the model of a step, quantities together or apart; or say why there is none."""
     try:
-        model = prepare(part) if together else prepare_apart(part)
-        run = sampled(model.model, part.asked, **how)
+        # Contrasts are not on the ladder.
+        fit = fitted(prepare(part, apart=not together), contrasts=False, **how)
     except RefusalError as error:
         return error.message
-    # Contrasts are not on the ladder.
-    plain = dataclasses.replace(model, contrasts=None)
-    return " ".join(run.gate.reasons) or fit_of(plain, part.asked, run)
+    return " ".join(fit.run.gate.reasons) or fit
 
 
 def _steps(data: Data, fit: Fit) -> list[str]:

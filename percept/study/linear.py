@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,14 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.model.design import Cells, Options, design_of
 from percept.inference.model.design import Factors as CellFactors
 from percept.inference.model.limits import Combinations, Limits
-from percept.inference.model.model import LinearModel, Resolution
+from percept.inference.model.model import LinearModel
+from percept.inference.model.priors import Priors
 from percept.inference.model.product import Product
 from percept.inference.model.statistics import Statistics
 from percept.inference.model.trials import by_subject
-from percept.scene import InferenceTable, ModelTable
-from percept.sessions import Sessions
+from percept.scene import InferenceTable, Scene
 from percept.sessions.formula import TRIAL_REFERENCE
-from percept.study.basics import Array, claim_of, priors_of
+from percept.study.basics import Array, claim_of
 from percept.study.conditions import (
     CellKey,
     Comparison,
@@ -29,7 +29,12 @@ from percept.study.conditions import (
     level_means,
 )
 from percept.study.data import Data
-from percept.study.responses import Trials
+from percept.study.responses import Trials, resolution_of
+
+#: A setting lies near its reference, but a mean may lie anywhere: priors of locations, in which
+#: means differ, are so many times as wide.
+_WIDER_FOR_MEANS = 10.0
+_LOCATIONS = ("alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "covariate_sd")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -124,9 +129,24 @@ def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
     )
 
 
-def linear_study(
-    trials: Trials, data: Data, resolution: Resolution, *, own_trial_sds: bool
-) -> ContrastPlan:
+def priors_of(scene: Scene, parameters: Collection[str]) -> Priors:
+    """Return the scene's priors for a model of these parameters."""
+    in_force = dict(scene.model.priors)
+    if not any(scene.quantities[parameter].is_matched for parameter in parameters):
+        for name in _LOCATIONS:
+            in_force.setdefault(name, _WIDER_FOR_MEANS * getattr(Priors, name))
+    return Priors(**in_force)
+
+
+def options_of(scene: Scene) -> Options:
+    """Return the simpler models that the scene asks for."""
+    table = scene.model
+    return Options(
+        subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread
+    )
+
+
+def linear_study(trials: Trials, data: Data, *, own_trial_sds: bool) -> ContrastPlan:
     """Build the model of one or two quantities over all cells.
 
     Parameters
@@ -135,8 +155,6 @@ def linear_study(
         Of these quantities.
     data : Data
         Of the study, with its conditions, and the scene's priors and options.
-    resolution : Resolution
-        Variance that the adjustment's resolution adds.
     own_trial_sds : bool
         Whether each subject has a trial SD of its own.
 
@@ -149,19 +167,19 @@ def linear_study(
     UsageError
         A term that the data cannot carry, or an option that is not of this model.
     RefusalError
-        A factor with one level left.
+        A factor with one level left, or a cell without scatter.
     """
     scene = data.scene
     sessions = data.sessions
     conditions = data.conditions
-    _refuse_options(scene.model)
-    statistics, sizes = _reduced(trials, sessions, conditions, own_trial_sds)
-    keys = tuple(_key(sessions, cell) for cell in trials.environments)
-    priors = priors_of(scene, trials.statistics.parameters)
-    own_slopes = scene.model.subjects_slope
-    cells, factors = _design(keys, statistics, sessions, conditions, own_slopes)
-    design = design_of(cells, factors, priors, Options(weber=scene.model.weber))
-    model = LinearModel(statistics, design, priors, resolution)
+    if scene.terms or scene.model.subjects_slope or own_trial_sds:
+        _refuse_options(scene)
+    statistics, sizes = _reduced(trials, data, own_trial_sds)
+    keys = _keys(data, trials.environments)
+    cells, factors = _cells(statistics, data)
+    priors = priors_of(scene, statistics.parameters)
+    design = design_of(cells, factors, priors, options_of(scene))
+    model = LinearModel(statistics, design, priors, resolution_of(trials, scene))
     found: list[Comparison] = []
     if sessions.factors is not None:
         found = list(comparisons(conditions, sessions.factors, keys))
@@ -187,12 +205,12 @@ def linear_study(
     )
 
 
-def _refuse_options(table: ModelTable) -> None:
+def _refuse_options(scene: Scene) -> None:
     """Refuse the simpler models that a model of factors does not have."""
     reasons = []
-    if table.common_spread:
+    if scene.model.common_spread:
         reasons.append(("common_spread", True, "the spread of each cell is estimated"))
-    if not table.subject_effect:
+    if not scene.model.subject_effect:
         reasons.append(("subject_effect", False, "comparisons within subjects rest on it"))
     for key, value, why in reasons:
         message = f"does not go with factors, groups, covariates or subjects' trial SDs: {why}."
@@ -200,22 +218,20 @@ def _refuse_options(table: ModelTable) -> None:
         raise UsageError(message, key=f"model.{key}", value=value, hint=hint)
 
 
-def _reduced(
-    data: Trials, sessions: Sessions, conditions: Conditions, own_trial_sds: bool
-) -> tuple[Statistics, Array]:
+def _reduced(trials: Trials, data: Data, own_trial_sds: bool) -> tuple[Statistics, Array]:
     """Statistics of the trials with their covariates, and the covariates' SDs."""
-    names = conditions.covariates
+    names = data.conditions.covariates
     values = None
     sizes = np.ones(0)
     if names:
-        table = sessions.table.loc[data.rows]
+        table = data.sessions.table.loc[trials.rows]
         sizes = table[list(names)].astype(float).std(ddof=0).to_numpy()
         values = covariate_values(table, names)
     elif not own_trial_sds:
-        return data.statistics, sizes
+        return trials.statistics, sizes
     statistics = by_subject(
-        data.statistics,
-        (data.response, data.subject, data.environment),
+        trials.statistics,
+        (trials.response, trials.subject, trials.environment),
         own_trial_sds=own_trial_sds,
         covariates=names,
         values=values,
@@ -223,19 +239,18 @@ def _reduced(
     return statistics, sizes
 
 
-def _key(sessions: Sessions, cell: str) -> CellKey:
-    """Environment and levels of a cell."""
-    return (cell, ()) if sessions.factors is None else sessions.factors.cells[cell]
+def _keys(data: Data, cells: Sequence[str]) -> tuple[CellKey, ...]:
+    """Environment and levels of cells."""
+    factors = data.sessions.factors
+    if factors is None:
+        return tuple((cell, ()) for cell in cells)
+    return tuple(factors.cells[cell] for cell in cells)
 
 
-def _design(
-    keys: Sequence[CellKey],
-    statistics: Statistics,
-    sessions: Sessions,
-    conditions: Conditions,
-    subjects_slope: bool,
-) -> tuple[Cells, CellFactors]:
+def _cells(statistics: Statistics, data: Data) -> tuple[Cells, CellFactors]:
     """Cells and factors by number."""
+    conditions = data.conditions
+    keys = _keys(data, statistics.environments)
     environments = list(dict.fromkeys(environment for environment, _ in keys))
     cells = Cells(
         names=statistics.environments,
@@ -245,22 +260,24 @@ def _design(
     )
     levels: dict[str, tuple[str, ...]] = {}
     level: dict[str, NDArray[np.intp]] = {}
-    if sessions.factors is not None:
-        for place, (factor, names) in enumerate(sessions.factors.levels.items()):
-            # Levels of which no trial is left have no column.
-            used = {own[place] for _, own in keys}
-            present = tuple(name for name in names if name in used)
-            levels[factor] = present
-            level[factor] = np.array([present.index(own[place]) for _, own in keys])
-    if any(len(present) < 2 for present in levels.values()):
-        raise RefusalError("a factor has one level left in the data.")
+    all_levels = data.sessions.factors.levels if data.sessions.factors is not None else {}
+    for place, (factor, names) in enumerate(all_levels.items()):
+        if factor not in conditions.factors:
+            continue
+        # Levels of which no trial is left have no column.
+        used = {own[place] for _, own in keys}
+        present = tuple(name for name in names if name in used)
+        if len(present) < 2:
+            raise RefusalError("a factor has one level left in the data.")
+        levels[factor] = present
+        level[factor] = np.array([present.index(own[place]) for _, own in keys])
     factors = CellFactors(
         levels=levels,
         level=level,
         terms=conditions.terms,
         between_subjects=conditions.between,
         spread=conditions.spread,
-        slopes=subjects_slope,
+        slopes=data.scene.model.subjects_slope,
     )
     return cells, factors
 

@@ -264,7 +264,7 @@ def _labels(fit: Fit) -> dict[Hashable, ArrayLike]:
 
 def _further_labels(fit: Fit) -> dict[str, tuple[str, list[str]]]:
     """Give further labels of dimensions: units, and where an observation was made."""
-    units = [fit.quantities[name].unit for name in fit.parameters]
+    units = [fit.data.quantities[name].unit for name in fit.parameters]
     labels = {"unit": ("parameter", units)}
     if isinstance(fit.subjects, SubjectDensity):
         # Observations stand in the order of the statistics, as `_observations` takes them.

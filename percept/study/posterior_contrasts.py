@@ -59,7 +59,7 @@ def posterior_contrasts(
 ) -> Iterator[ContrastRow | Skipped]:
     """Yield every contrast of a fit that passed, by the table of each quantity."""
     if fit.contrasts is None:
-        what = " and ".join(fit.quantities[p].label for p in fit.parameters)
+        what = " and ".join(fit.data.quantities[p].label for p in fit.parameters)
         yield Skipped(f"Bayesian contrasts of {what}", 'they need [model] pooling = "partial"')
         return
     plan = fit.contrasts

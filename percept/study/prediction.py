@@ -113,7 +113,7 @@ def predict(
     rows: list[IntervalRow] = []
     errors: list[float] = []
     for name, of_condition in expected.items():
-        rows += _rows(fit, of_condition, name, scale, asked, limits[name])
+        rows += _rows(fit, of_condition, name, scale, limits[name])
         for of_kind in limits[name].values():
             errors += of_kind.errors.tolist()
     boundaries: tuple[Boundary, ...] = ()
@@ -323,7 +323,6 @@ def _rows(
     expected: Joint,
     name: str,
     scale: ResponseScale,
-    asked: InferenceTable,
     limits: Mapping[Kind, _NewLimits],
 ) -> Iterator[IntervalRow]:
     """Yield a row for every kind and parameter."""
@@ -334,17 +333,10 @@ def _rows(
             values = scale.native(np.stack([of_kind.lower, of_kind.upper, centre]))
         for index, parameter in enumerate(fit.parameters):
             lower, upper, estimate = values[:, index].tolist()
-            yield bayesian_row(
-                asked,
-                kind,
-                (parameter, name),
-                (lower, upper, estimate),
-                float(scale.origin[index]),
-                unit=fit.quantities[parameter].unit,
-                n=n,
-                repeats=fit.repeats,
-                approximate=fit.approximate,
-            )
+            ends = (lower, upper, estimate)
+            reference = float(scale.origin[index])
+            cell = (parameter, name)
+            yield bayesian_row(fit.data, kind, cell, ends, reference, n=n, repeats=fit.repeats)
 
 
 def _laws(

@@ -3,57 +3,47 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
-from percept.inference.model.design import Options
-from percept.inference.model.model import LinearModel, Model, Resolution, plain_model
+from percept.inference.classical.moments import Moments
+from percept.inference.model.model import Model, plain_model
 from percept.inference.model.product import Product, Unpooled
-from percept.inference.model.statistics import Statistics, from_summary
+from percept.inference.model.statistics import from_summary
 from percept.results import Skipped
-from percept.scene import Scene
-from percept.sessions.quantities import IMPEDANCE, Quantities
-from percept.study.basics import Array, priors_of
+from percept.study.basics import Array
 from percept.study.data import Data
-from percept.study.linear import ContrastPlan, linear_study, side_by_side
-from percept.study.responses import (
-    ResponseScale,
-    Trials,
-    decades,
-    refuse_no_ratio,
-    resolution_of,
-)
-from percept.study.subject_trials import subject_trials
+from percept.study.linear import ContrastPlan, linear_study, options_of, priors_of, side_by_side
+from percept.study.responses import NO_SCALE, ResponseScale, Trials, decades, refuse_no_ratio
+from percept.study.subject_trials import own_trial_sds
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Prepared:
     """A model of a study, not yet sampled."""
 
+    data: Data
     model: Model  # The posterior
     scale: ResponseScale  # The way from responses to the units of the quantities
     counts: NDArray[np.int64]  # (C,) Subjects behind each cell
     repeats: bool | None  # Whether any cell holds more than one trial; None where it is not known
     trials: Trials | None = None  # None for published limits and without pooling
-    approximate: bool = False  # Whether moments of logarithms were matched to published limits
-    quantities: Quantities = dataclasses.field(default_factory=lambda: IMPEDANCE)
     skipped: tuple[Skipped, ...] = ()  # Trials and environments that are not in the model
-    contrasts: ContrastPlan | None = None  # Of factors and covariates; None without these
+    contrasts: ContrastPlan | None = None  # Of factors and covariates; None without pooling
 
 
-def prepare(data: Data, parameters: tuple[str, ...] | None = None) -> Prepared:
-    """Build the model that the data and the scene ask for, of some parameters or of all."""
-    parameters = parameters or data.parameters
+def prepare(data: Data, *, apart: bool = False) -> Prepared:
+    """Build the model that the data and the scene ask for; or one in which quantities are apart."""
     if data.scene.model.pooling == "none":
-        return _unpooled(data, parameters)
+        return _unpooled(data)
     if data.sessions.form == "summary":
-        return _from_limits(data, parameters)
-    groups = modelled_together(parameters, data.asked.together)
-    models = [_of_group(data, group) for group in groups]
-    return models[0] if len(models) == 1 else _side_by_side(models)
+        return _from_limits(data)
+    if apart:
+        return _side_by_side([_of_trials(data, (parameter,)) for parameter in data.parameters])
+    groups = modelled_together(data.parameters, data.asked.together)
+    return _side_by_side([_of_trials(data, group) for group in groups])
 
 
 def prepared_beside(data: Data) -> Prepared | Skipped:
@@ -65,29 +55,6 @@ def prepared_beside(data: Data) -> Prepared | Skipped:
         if data.asked.method != "both" or not known:
             raise
         return Skipped("Bayesian intervals", str(refused))
-
-
-def _of_group(data: Data, parameters: tuple[str, ...]) -> Prepared:
-    """Model the trials of quantities that share a model."""
-    scene = data.scene
-    compares = bool(scene.terms) or scene.model.subjects_slope
-    scaled = tuple(p for p in parameters if data.by_difference(p)) if compares else ()
-    trials = data.trials(*parameters, partial=data.asked.method == "both", scaled=scaled)
-    trial_sds = subject_trials(trials, scene)
-    if not (compares or trial_sds.own):
-        prepared = pooled(trials.statistics, scene, trials.reference, trials.scale, trials)
-    else:
-        resolution = resolution_of(trials.statistics, scene, trials.reference, trials.scale)
-        plan = linear_study(trials, data, resolution, own_trial_sds=trial_sds.own)
-        prepared = _of_trials(plan.model, trials.statistics, trials.scale, scene, trials)
-        if compares:
-            prepared = dataclasses.replace(prepared, contrasts=plan)
-    return dataclasses.replace(prepared, skipped=(*prepared.skipped, *trial_sds.skipped))
-
-
-def prepare_apart(data: Data) -> Prepared:
-    """Build a model in which no parameter learns from another."""
-    return _side_by_side([prepare(data, (parameter,)) for parameter in data.parameters])
 
 
 def modelled_together(
@@ -104,133 +71,100 @@ def modelled_together(
     return list(dict.fromkeys(groups))
 
 
-def _side_by_side(models: list[Prepared]) -> Prepared:
+def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
+    """Model the trials of quantities that share a model."""
+    for name in parameters:
+        if name not in data.scene.model.scale:
+            references = {cell: value for cell, value in data.reference.items() if cell[0] == name}
+            refuse_no_ratio(references, data.quantities, hint=NO_SCALE.format(name))
+    trials = data.trials(*parameters, partial=data.asked.method == "both")
+    own = own_trial_sds(trials, data.scene)
+    plan = linear_study(trials, data, own_trial_sds=own is True)
+    return Prepared(
+        data=data,
+        model=plan.model,
+        scale=trials.scale,
+        counts=np.isfinite(trials.statistics.cell_means).sum(axis=0).ravel(),
+        repeats=trials.statistics.repeats,
+        trials=trials,
+        skipped=trials.skipped if isinstance(own, bool) else (*trials.skipped, own),
+        contrasts=plan,
+    )
+
+
+def _side_by_side(parts: list[Prepared]) -> Prepared:
     """Put models of different parameters together, the cells of each in a row."""
-    origin = np.concatenate([m.scale.origin for m in models])
-    unit = np.concatenate([m.scale.unit for m in models])
+    if len(parts) == 1:
+        return parts[0]
     why = "two are modelled together at most; [inference] together names them"
     skipped = [Skipped("correlations of more than two parameters", why)]
-    skipped += dict.fromkeys(part for m in models for part in m.skipped)
-    plans = [m.contrasts for m in models if m.contrasts is not None]
-    plan = side_by_side(plans) if plans else None
+    skipped += dict.fromkeys(one for part in parts for one in part.skipped)
+    origin = np.concatenate([part.scale.origin for part in parts])
+    unit = np.concatenate([part.scale.unit for part in parts])
+    plan = side_by_side([part.contrasts for part in parts if part.contrasts is not None])
     return Prepared(
-        plan.model if plan else Product([m.model for m in models]),
-        ResponseScale(models[0].scale.log, origin, unit),
-        np.concatenate([m.counts for m in models]),
-        any(m.repeats for m in models),
-        quantities=models[0].quantities,
+        data=parts[0].data,
+        model=plan.model,
+        scale=ResponseScale(parts[0].scale.log, origin, unit),
+        counts=np.concatenate([part.counts for part in parts]),
+        repeats=any(part.repeats for part in parts),
         skipped=tuple(skipped),
         contrasts=plan,
     )
 
 
-def pooled(
-    statistics: Statistics,
-    scene: Scene,
-    reference: Array,
-    scale: ResponseScale,
-    data: Trials | None = None,
-) -> Prepared:
-    """Build the hierarchical model of subjects' trials from their statistics."""
-    resolution = resolution_of(statistics, scene, reference, scale)
-    return _of_trials(_model(statistics, scene, resolution), statistics, scale, scene, data)
-
-
-def _of_trials(
-    model: Model, statistics: Statistics, scale: ResponseScale, scene: Scene, data: Trials | None
-) -> Prepared:
-    """Put a model of subjects' trials together with what its cells rest on."""
-    counts = np.isfinite(statistics.cell_means).sum(axis=0).ravel()
-    return Prepared(
-        model,
-        scale,
-        counts,
-        statistics.repeats,
-        data,
-        quantities=scene.quantities,
-        skipped=data.skipped if data else (),
-    )
-
-
-def _model(
-    statistics: Statistics, scene: Scene, resolution: Resolution | None = None
-) -> LinearModel:
-    table = scene.model
-    options = Options(
-        subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread
-    )
-    priors = priors_of(scene, statistics.parameters)
-    return plain_model(statistics, priors, options, resolution)
-
-
-def _from_limits(data: Data, parameters: tuple[str, ...]) -> Prepared:
+def _from_limits(data: Data) -> Prepared:
     """Model each parameter of published limits by itself: limits hold no correlation."""
-    scene = data.scene
-    environments = data.environments
-    family = data.asked.family
-    reference = np.array([[data.reference[p, e] for e in environments] for p in parameters])
-    quantities = data.quantities
-    moments = _all_moments(data, parameters)
-    flat = reference.ravel().tolist()
-    by_cell = dict(zip(moments.cells, flat, strict=True))
-    refuse_no_ratio(by_cell, quantities)
-    mean = moments.mean.reshape(reference.shape)
-    sd = moments.sd.reshape(reference.shape)
-    if family == "lognormal":
+    moments = _all_moments(data)
+    refuse_no_ratio({cell: data.reference[cell] for cell in moments}, data.quantities)
+    shape = (len(data.parameters), len(data.environments))
+    reference = np.reshape([data.reference[cell] for cell in moments], shape)
+    means, sds, counts = _arrays(moments)
+    mean = means.reshape(shape)
+    sd = sds.reshape(shape)
+    if data.asked.family == "lognormal":
         mean = mean - np.log(reference)
     else:
         mean = (mean - reference) / reference
         sd = sd / reference
-    n = moments.counts.reshape(reference.shape)
-    rows = zip(parameters, mean, sd, n, decades(reference), strict=True)
+    options = options_of(data.scene)
     models = []
+    rows = zip(data.parameters, mean, sd, counts.reshape(shape), decades(reference), strict=True)
     for parameter, *row in rows:
-        statistics = from_summary(*row, parameter=parameter, environments=environments)
-        models.append(_model(statistics, scene))
+        statistics = from_summary(*row, parameter=parameter, environments=data.environments)
+        priors = priors_of(data.scene, (parameter,))
+        models.append(plain_model(statistics, priors, options))
+    scale = ResponseScale.of(reference, data.asked.family)
+    model = Product(models)
+    return Prepared(data=data, model=model, scale=scale, counts=counts, repeats=None)
+
+
+def _unpooled(data: Data) -> Prepared:
+    """Each cell by itself, standardised by its own exact mean and SD."""
+    moments = _all_moments(data)
+    mean, sd, counts = _arrays(moments)
+    log = data.asked.family == "lognormal"
     return Prepared(
-        Product(models),
-        ResponseScale.of(reference, family),
-        moments.counts,
-        repeats=None,
-        approximate=family == "lognormal",
-        quantities=quantities,
+        data=data,
+        model=Unpooled(tuple(moments), counts),
+        scale=ResponseScale(log, np.exp(mean) if log else mean, sd),
+        counts=counts,
+        repeats=any(own.repeats for own in moments.values()),
     )
 
 
-def _unpooled(data: Data, parameters: tuple[str, ...]) -> Prepared:
-    """Each cell by itself, standardised by its own exact mean and SD."""
-    moments = _all_moments(data, parameters)
-    log = data.asked.family == "lognormal"
-    origin = np.exp(moments.mean) if log else moments.mean
-    scale = ResponseScale(log, origin, moments.sd)
-    model = Unpooled(moments.cells, moments.counts)
-    return Prepared(model, scale, moments.counts, moments.repeats, quantities=data.quantities)
+def _arrays(moments: dict[tuple[str, str], Moments]) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Means, SDs and numbers of subjects of C cells, (C,) each."""
+    means = np.array([own.mean for own in moments.values()])
+    sds = np.array([own.sd for own in moments.values()])
+    return means, sds, np.array([own.n for own in moments.values()])
 
 
-class _CellMoments(NamedTuple):
-    """Moments of C cells on the family's scale."""
-
-    cells: tuple[tuple[str, str], ...]  # Parameter and environment
-    mean: Array  # (C,)
-    sd: Array  # (C,)
-    counts: NDArray[np.int64]  # (C,) Subjects
-    repeats: bool  # Whether any cell holds more than one trial of a subject
-
-
-def _all_moments(data: Data, parameters: tuple[str, ...]) -> _CellMoments:
-    """Work out the moments of every cell, or refuse a cell that has none."""
-    family = data.asked.family
-    for cell in data.cells[family]:
-        if cell.parameter in parameters and cell.moments is None:
+def _all_moments(data: Data) -> dict[tuple[str, str], Moments]:
+    """Moments of every cell on the family's scale; refuse a cell that has none."""
+    for cell in data.cells[data.asked.family]:
+        if cell.moments is None:
             message = f"there is no posterior of {cell.where}: {cell.why}."
             hint = 'Set family = "normal", or leave the parameter or environment out in the scene.'
             raise RefusalError(message, hint=hint)
-    of_all = data.moments(family)
-    moments = {cell: found for cell, found in of_all.items() if cell[0] in parameters}
-    return _CellMoments(
-        tuple(moments),
-        np.array([m.mean for m in moments.values()]),
-        np.array([m.sd for m in moments.values()]),
-        np.array([m.n for m in moments.values()]),
-        any(m.repeats for m in moments.values()),
-    )
+    return data.moments(data.asked.family)

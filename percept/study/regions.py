@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.boundary.law import BEYOND, PairLaw, confidence_law, mixture_law
-from percept.errors import RefusalError
+from percept.errors import PerceptError, RefusalError
 from percept.inference.record import Family, Kind, Method
 from percept.inference.regions import EllipseRegion, ellipse_region
 from percept.results import IntervalRow, Skipped
@@ -193,15 +193,16 @@ def subject_pairs(data: Data) -> Iterator[SubjectPairs | Skipped]:
     if data.asked.method == "bayesian":
         return
     for family, environment in itertools.product(FAMILIES, data.environments):
-        values = data.values(environment, "k", "b")
-        if values.count == 0 or (family == "lognormal" and not (values.adjusted > 0).all()):
+        try:
+            k, b = data.means(environment, "k", "b", family=family).T
+        except PerceptError:
+            # No trial has both, or a value has no logarithm.
             continue
         what = f"classical ellipses and curves through draws of {environment}"
-        if values.count < _FEWEST_SUBJECTS:
+        if len(k) < _FEWEST_SUBJECTS:
             needed = f"they need {_FEWEST_SUBJECTS} subjects with both parameters"
-            yield Skipped(what, f"{needed}; there are {values.count}")
+            yield Skipped(what, f"{needed}; there are {len(k)}")
             continue
-        k, b = values.means(family).T
         if np.ptp(k) == 0.0 or np.ptp(b) == 0.0:
             yield Skipped(what, "all subjects made the same adjustments of one parameter")
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
@@ -26,6 +26,11 @@ if TYPE_CHECKING:
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values
 #: printed to six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
 _PROPORTION = 1e-3
+#: Hint where a quantity is compared by differences.
+NO_SCALE = (
+    'Set family = "normal" and [model] scale.{}, or analyse the other parameter alone with'
+    " [inference] parameters."
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,6 +47,10 @@ class ResponseScale:
         if family == "lognormal":
             return cls(True, reference.ravel(), np.ones(reference.size))
         return cls(False, reference.ravel(), (reference if unit is None else unit).ravel())
+
+    def at(self, cell: int) -> ResponseScale:
+        """Return the scale of one cell."""
+        return ResponseScale(self.log, self.origin[cell], self.unit[cell])
 
     def native(self, response: Array) -> Array:
         """Responses (..., C) in the units of their quantities."""
@@ -66,6 +75,13 @@ class Trials:
     rows: pd.Index[int]  # Of the sessions' table, one for each trial
 
     @cached_property
+    def counts(self) -> Array:
+        """Trials of each subject in each environment, (N, J)."""
+        counts = np.zeros((len(self.subjects), len(self.environments)))
+        np.add.at(counts, (self.subject, self.environment), 1.0)
+        return counts
+
+    @cached_property
     def statistics(self) -> Statistics:
         """What the density of the model needs of the trials."""
         # The classical method does without the model.
@@ -82,23 +98,6 @@ class Trials:
         )
 
 
-def references(
-    sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]
-) -> Array:
-    """Return the reference of each parameter in each environment, shape (P, J)."""
-    table = sessions.table
-    if sessions.form == "summary":
-        keyed = table.set_index(["parameter", "environment"])["reference"]
-        published = np.full((len(parameters), len(environments)), np.nan)
-        for p, parameter in enumerate(parameters):
-            for j, environment in enumerate(environments):
-                published[p, j] = keyed.get((parameter, environment), np.nan)
-        return published
-    columns = [f"{parameter}_ref" for parameter in parameters]
-    first = table.groupby("environment", sort=False)[columns].first()
-    return first.loc[list(environments)].to_numpy(dtype=float).T
-
-
 def decades(reference: Array) -> Array:
     """log10 of references over their geometric mean, (P, J); zero where one is not positive."""
     positive = (reference > 0).all(axis=1, keepdims=True)
@@ -106,54 +105,32 @@ def decades(reference: Array) -> Array:
     return logs - logs.mean(axis=1, keepdims=True)
 
 
-def by_difference(sessions: Sessions, parameter: str) -> bool:
-    """Say whether a reference is zero or negative, so that settings are compared by differences."""
-    reference = references(sessions, (parameter,), sessions.environments)
-    return bool((reference <= 0).any())
-
-
 def trials(
     sessions: Sessions,
     scene: Scene,
+    references: References,
     parameters: tuple[str, ...],
     *,
-    partial: bool = False,
-    scaled: Collection[str] = (),
+    partial: bool,
 ) -> Trials:
-    """Take trials with all parameters asked for, unit-free; in part where values have no logarithm.
+    """Take trials with all parameters asked for, unit-free.
 
-    Deviations of parameters in `scaled` are in the scene's scale even if no reference is zero here.
+    Where a quantity has a reference of zero or below its deviations are in the scene's scale, or in
+    their own unit without one. `partial` leaves out environments whose values have no logarithm.
     """
     columns = [f"{p}_adj" for p in parameters]
-    skipped = list[Skipped]()
-    complete = sessions.table[columns].notna().all(axis=1)
-    table = sessions.table[complete]
-    if dropped := int((~complete).sum()):
-        lacking = " or ".join(sessions.quantities[p].label for p in parameters)
-        there = set(table["environment"])
-        needed = "both parameters" if len(columns) == 2 else lacking
-        lack = "it lacks" if dropped == 1 else "they lack"
-        what = f"{counted(dropped, 'trial')}, in the hierarchical model"
-        skipped.append(Skipped(what, f"{lack} {lacking}"))
-        skipped += [
-            Skipped(f"Bayesian intervals of {environment}", f"no trial there has {needed}")
-            for environment in sessions.environments
-            if environment not in there
-        ]
+    table = sessions.table.dropna(subset=columns)
+    skipped = list(_incomplete(sessions, table, parameters))
     lognormal = scene.inference.family == "lognormal"
     low = table.loc[(table[columns] <= 0).any(axis=1), "environment"].value_counts(sort=False)
     if lognormal and partial and len(low) < table["environment"].nunique():
         # Without their environment: to leave out the lowest trials alone would bias what is left
         # there.
         table = table[~table["environment"].isin(low.index)]
-        skipped += [
-            Skipped(
-                f"{name}, in the hierarchical model",
-                f"zero or negative values have no logarithm ({count} there); "
-                'family = "normal" takes them, and [sessions] exclude leaves them out',
-            )
-            for name, count in low.items()
-        ]
+        why = "zero or negative values have no logarithm ({} there); "
+        why += 'family = "normal" takes them, and [sessions] exclude leaves them out'
+        for name, count in low.items():
+            skipped.append(Skipped(f"{name}, in the hierarchical model", why.format(count)))
     subjects = tuple(dict.fromkeys(table["subject"]))
     refuse_lone_subject(subjects)
     adjusted = table[columns].to_numpy(dtype=float)
@@ -168,21 +145,27 @@ def trials(
             value=float(adjusted[row, column]),
             hint='Set family = "normal", or exclude the trial in the scene.',
         )
-    present = set(table["environment"])
-    environments = tuple(name for name in sessions.environments if name in present)
+    there = set(table["environment"])
+    environments = tuple(name for name in sessions.environments if name in there)
     if table.groupby("environment")["subject"].nunique().max() < 2:
         message = "no environment has two subjects to tell users apart."
         raise RefusalError(message, hint=IF_BY_TRIAL)
-    reference = references(sessions, parameters, environments)
-    unit = _units(reference, parameters, environments, scene, scaled)
+    reference = np.array([[references[p, name] for name in environments] for p in parameters])
+    unit = reference.copy()
+    for p, name in enumerate(parameters):
+        if lognormal:
+            present = {(name, where): references[name, where] for where in environments}
+            refuse_no_ratio(present, sessions.quantities, hint=NO_SCALE.format(name))
+        elif any(references[name, where] <= 0.0 for where in sessions.environments):
+            unit[p] = scene.model.scale.get(name, 1.0)
     environment = _codes(table["environment"], environments)
-    subject = _codes(table["subject"], subjects)
     of_trial = reference[:, environment].T
-    unit_of_trial = unit[:, environment].T
-    response = np.log(adjusted / of_trial) if lognormal else (adjusted - of_trial) / unit_of_trial
+    response = (adjusted - of_trial) / unit[:, environment].T
+    if lognormal:
+        response = np.log(adjusted / of_trial)
     return Trials(
         response=response,
-        subject=subject,
+        subject=_codes(table["subject"], subjects),
         environment=environment,
         parameters=parameters,
         subjects=subjects,
@@ -194,35 +177,26 @@ def trials(
     )
 
 
+def _incomplete(
+    sessions: Sessions, table: pd.DataFrame, parameters: tuple[str, ...]
+) -> Iterator[Skipped]:
+    """Say how many trials lack a parameter, and which environments have no trial with all."""
+    dropped = len(sessions.table) - len(table)
+    if not dropped:
+        return
+    lacking = " or ".join(sessions.quantities[p].label for p in parameters)
+    lack = "it lacks" if dropped == 1 else "they lack"
+    yield Skipped(f"{counted(dropped, 'trial')}, in the hierarchical model", f"{lack} {lacking}")
+    needed = "both parameters" if len(parameters) == 2 else lacking
+    there = set(table["environment"])
+    for name in sessions.environments:
+        if name not in there:
+            yield Skipped(f"Bayesian intervals of {name}", f"no trial there has {needed}")
+
+
 def _codes(names: pd.Series[str], labels: tuple[str, ...]) -> NDArray[np.intp]:
     """Return the place of each name among the labels."""
     return pd.Categorical(names, categories=labels).codes.astype(np.intp)
-
-
-def _units(
-    reference: Array,
-    parameters: tuple[str, ...],
-    environments: tuple[str, ...],
-    scene: Scene,
-    scaled: Collection[str],
-) -> Array:
-    """Return the unit of a response: the reference, or the scene's scale where not positive."""
-    unit = reference.copy()
-    scales = scene.model.scale
-    for p, name in enumerate(parameters):
-        if np.all(reference[p] > 0) and name not in scaled:
-            continue
-        if scene.inference.family == "lognormal" or name not in scales:
-            by_cell = {}
-            for environment, value in zip(environments, reference[p].tolist(), strict=True):
-                by_cell[name, environment] = value
-            hint = (
-                f'Set family = "normal" and [model] scale.{name}, or analyse the other'
-                " parameter alone with [inference] parameters."
-            )
-            refuse_no_ratio(by_cell, scene.quantities, hint=hint)
-        unit[p] = scales[name]
-    return unit
 
 
 def refuse_lone_subject(subjects: Sequence[str]) -> None:
@@ -253,20 +227,18 @@ def refuse_no_ratio(
             )
 
 
-def resolution_of(
-    statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale
-) -> Resolution:
+def resolution_of(trials: Trials, scene: Scene) -> Resolution:
     """Step²/12 on the response scale, in cells whose scatter the step hides; or refuse those."""
     from percept.inference.model.model import Resolution
 
     steps = scene.model.resolution
+    statistics = trials.statistics
     between, trial = lacking_scatter(statistics, steps, scene.quantities)
     if not (between.any() or trial.any()):
         return Resolution()
-    if scene.inference.family == "lognormal":
-        unit = reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
-    else:
-        unit = scale.unit.reshape(reference.shape)
+    unit = trials.scale.unit.reshape(trials.reference.shape)
+    if trials.scale.log:
+        unit = trials.reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
     size = np.array([steps.get(p, 0.0) for p in statistics.parameters])
     variance = (size[:, None] / unit) ** 2 / 12.0
     # Elsewhere rounding is part of the scatter that is seen, and its variance would count twice.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
@@ -23,45 +21,33 @@ _LEAST_TRIAL_DF = 8
 _DOUBTFUL = 0.01
 
 
-@dataclasses.dataclass(frozen=True)
-class SubjectTrials:
-    """Whether subjects have trial SDs of their own in a model."""
-
-    own: bool
-    skipped: tuple[Skipped, ...] = ()  # Why not, where subjects repeat trials
-
-
-def subject_trials(data: Trials, scene: Scene) -> SubjectTrials:
-    """Decide whether subjects have trial SDs of their own, by the scene and the trials."""
-    why_not = _why_not(data, scene)
-    if why_not is None:
-        return SubjectTrials(own=True)
+def own_trial_sds(data: Trials, scene: Scene) -> bool | Skipped:
+    """Say whether subjects have trial SDs of their own, and why not where they repeat trials."""
     if not data.statistics.repeats:
-        return SubjectTrials(own=False)
+        return False
+    why_not = _why_not(data, scene)
+    if not why_not:
+        return True
     what = " and ".join(scene.quantities[p].label for p in data.parameters)
-    skipped = Skipped(f"subjects' own trial SDs of {what}", why_not + _differences(data))
-    return SubjectTrials(own=False, skipped=(skipped,))
+    return Skipped(f"subjects' own trial SDs of {what}", why_not + _differences(data))
 
 
-def _why_not(data: Trials, scene: Scene) -> str | None:
-    """Say why all subjects share one trial SD; None where each has one of their own."""
-    setting = scene.model.subjects_trial_sd
+def _why_not(data: Trials, scene: Scene) -> str:
+    """Say why all subjects share one trial SD; empty where each has one of their own."""
+    table = scene.model
+    setting = table.subjects_trial_sd
     if setting is False:
         return "[model] subjects_trial_sd = false"
-    if not data.statistics.repeats:
-        return "no subject repeats a trial in a cell"
-    table = scene.model
     if setting == "auto" and (table.common_spread or not table.subject_effect):
         return "they do not go with [model] common_spread, nor with subject_effect = false"
-    if len(data.environments) == 1:
-        return "the study has one environment"
-    if why := _no_scatter(data):
-        return why
-    why = "" if setting is True else _why_not_by_default(data, scene)
-    return f"{why}; [model] subjects_trial_sd = true computes them" if why else None
+    why = "the study has one environment" if len(data.environments) == 1 else _no_scatter(data)
+    if setting == "auto" and not why:
+        why = _why_not_by_default(data)
+        why = why and f"{why}; [model] subjects_trial_sd = true computes them"
+    return why
 
 
-def _why_not_by_default(data: Trials, scene: Scene) -> str:
+def _why_not_by_default(data: Trials) -> str:
     """Say why subjects share one trial SD unless the scene asks for more; empty if they do not."""
     if len(data.subjects) > _MOST_SUBJECTS:
         return f"the study has more than {_MOST_SUBJECTS} subjects"
@@ -72,19 +58,15 @@ def _why_not_by_default(data: Trials, scene: Scene) -> str:
 
 def _trial_df(data: Trials) -> Array:
     """Count the trials of each subject in each cell beyond the first, (N, J)."""
-    df = np.zeros((len(data.subjects), len(data.environments)))
-    for pattern in data.statistics.patterns:
-        df[np.ix_(pattern.members, pattern.environments)] = pattern.trials - 1.0
-    return df
+    return np.maximum(data.counts - 1.0, 0.0)
 
 
 def _no_scatter(data: Trials) -> str:
     """Say where repeats are so much alike that a trial SD has no proper posterior, or nothing."""
     df = _trial_df(data)
     scatters = _scatters(data)
-    somewhere = scatters.any(axis=1)
     repeats = df.sum(axis=1) > 0.0
-    steady = np.flatnonzero(repeats & ~np.all(somewhere, axis=1))
+    steady = np.flatnonzero(repeats & ~np.all(scatters.any(axis=1), axis=1))
     if steady.size:
         names = ", ".join(data.subjects[i] for i in steady)
         return f"the repeats of {names} are all alike, and a trial SD of zero has no posterior"
@@ -97,13 +79,12 @@ def _no_scatter(data: Trials) -> str:
 
 def _scatters(data: Trials) -> NDArray[np.bool_]:
     """Say in which cells the repeats of a subject differ, by quantity, (N, J, P)."""
-    environments = len(data.environments)
-    cell_of_trial = data.subject * environments + data.environment
-    _, first, cell = np.unique(cell_of_trial, return_index=True, return_inverse=True)
     # Values, not squares about their mean: rounding of the mean is no scatter.
-    differs = data.response != data.response[first[cell]]
-    scatters = np.zeros((len(data.subjects), environments, len(data.parameters)), dtype=bool)
-    np.logical_or.at(scatters, (data.subject, data.environment), differs)
+    smallest = np.full((*data.counts.shape, len(data.parameters)), np.inf)
+    largest = -smallest
+    np.minimum.at(smallest, (data.subject, data.environment), data.response)
+    np.maximum.at(largest, (data.subject, data.environment), data.response)
+    scatters = largest > smallest
     # A cell in which no repeats differ is refused, unless the resolution stands in for scatter.
     return scatters | ~scatters.any(axis=0)
 

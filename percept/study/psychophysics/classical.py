@@ -52,7 +52,7 @@ def absent_jnds(data: Data) -> Iterator[Skipped]:
     for parameter in data.parameters:
         what = f"JND of {data.quantities[parameter].label}"
         try:
-            trials = data.trials_as_they_are(parameter)
+            trials = data.trials(parameter, partial=True)
         except RefusalError as refused:
             yield Skipped(what, str(refused))
             continue
@@ -70,7 +70,7 @@ def absent_jnds(data: Data) -> Iterator[Skipped]:
 def _trials_if_any(data: Data, *parameters: str) -> Trials | None:
     """Return trials of parameters as responses; None where they have none."""
     try:
-        return data.trials_as_they_are(*parameters)
+        return data.trials(*parameters, partial=True)
     except RefusalError:
         return None
 
