@@ -1,120 +1,129 @@
-"""What stands around a table or in place of its header: each kind is named, with what to remove."""
+"""What stands around a table: titles, comments and units are read past; other forms are refused."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from percept.errors import UsageError
-from percept.sessions.records import shown
+from percept.sessions.records import Notice, shown
 from percept.sessions.values import is_missing
 
 #: Physical line and cells of a row.
-_Row = tuple[int, list[str]]
+Row = tuple[int, list[str]]
 #: First rows of a table that are looked at.
 MOST_ROWS = 50
 _NUMBER = re.compile(r"[+-]?([0-9]+[.,]?[0-9]*|[.,][0-9]+)([eE][+-]?[0-9]+)?")
-_COMMENT = ("#", "%", "//")
+#: What begins a comment.
+COMMENT = ("#", "%", "//")
 
 
 class LayoutError(UsageError):
-    """Text around a table, or a header that is none."""
+    """A header that is none, or columns that nothing separates."""
 
 
-def refuse_layout(rows: Sequence[tuple[int, Sequence[str]]], file: str) -> None:
-    """Refuse text around a table, by its first rows as they stand."""
-    stripped = [(line, [cell.strip() for cell in cells]) for line, cells in rows]
-    filled = [(line, cells) for line, cells in stripped if any(cells)]
-    for check in _CHECKS if filled else ():
-        if problem := check(filled[:MOST_ROWS]):
-            problem.file = file
-            raise problem
+@dataclass(frozen=True)
+class Layout:
+    """Where the header stands among the first rows of a file, and what the row below it says."""
+
+    header: int = 0  # Position among the rows
+    data: int = 1  # The same of the first row that may be data
+    skipped: int = 0  # Rows above the header that are not blank
+    notices: tuple[Notice, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)  # By column, of the row below the header
+    units_row: int = 0  # Its physical line
 
 
-def _title(rows: list[_Row]) -> LayoutError | None:
-    """Find text above the header: one cell at the left, where rows below have several."""
-    line, title = rows[0]
-    if not title[0] or (len(_filled(title)) > 1 and not title[0].startswith(_COMMENT)):
-        return None
-    # Under a delimiter that is none, a row with one in a cell would look like a header.
-    tables = [index for index in range(len(rows)) if _is_table(rows[index:])]
-    if not tables or tables[0] == 0:
-        return None
-    header, _ = rows[tables[0]]
-    message = f"line {line} is a title or a comment: the header seems to be in line {header}."
-    hint = f"Remove the lines above line {header}."
-    return LayoutError(message, row=line, value=title[0], hint=hint)
+def is_comment(cells: Sequence[str]) -> bool:
+    """Whether a row is a comment: one cell at its left that begins as comments do."""
+    return cells[0].startswith(COMMENT) and len(_filled(cells)) == 1
 
 
-def _is_table(rows: list[_Row]) -> bool:
-    """Whether rows have a header of several names, and as many cells below each."""
-    widths = {len(cells) for _, cells in rows}
-    return len(rows) > 1 and len(widths) == 1 and len(_filled(rows[0][1])) > 1
+def layout_of(rows: Sequence[Row], file: str) -> Layout:
+    """Find the header among the first rows of a file.
+
+    Raises
+    ------
+    UsageError
+        A title stands above no header, or there are two headers.
+    """
+    filled = [(at, line, [cell.strip() for cell in cells]) for at, (line, cells) in enumerate(rows)]
+    filled = [row for row in filled if any(row[2])]
+    kept = [row for row in filled if not is_comment(row[2])]
+    if not kept:
+        return Layout()
+    table = [cells for _, _, cells in kept]
+    start = _header_below_title(table)
+    at, line, header = kept[start]
+    above = filled[: filled.index(kept[start])]
+    notices: tuple[Notice, ...] = ()
+    if above:
+        _, first, cells = above[0]
+        what = ", ".join(_filled(cells))
+        if start and any(map(_NUMBER.fullmatch, header)):
+            message = f"line {first} is a title, and line {line} below it has numbers: no header."
+            hint = "Write the names of the columns in a line above the data."
+            raise UsageError(message, file=file, row=first, value=what, hint=hint)
+        text = f"the header is in line {line}; what stands above it is skipped: {shown([what])}"
+        notices = (Notice(text, file, first),)
+    lines = [line for _, line, _ in kept[start:]]
+    _refuse_two_headers(table[start:], lines, file)
+    units = _units(table[start:])
+    if not units:
+        return Layout(at, at + 1, len(above), notices)
+    data = kept[start + 1][0] + 1
+    return Layout(at, data, len(above), notices, units, lines[1])
 
 
-def _two_headers(rows: list[_Row]) -> LayoutError | None:
-    """Find a header with gaps above another one: environments above names of columns."""
-    if len(rows) < 3:
-        return None
-    (line, upper), (below, lower), (_, data) = rows[:3]
-    gaps = len(_filled(upper)) < len(_filled(lower)) and len(_filled(upper)) > 1
-    if not gaps or _has_number(lower) or not _has_number(data):
-        return None
+def _header_below_title(table: list[list[str]]) -> int:
+    """Find the header below a title: the first of several names with as many cells in each row."""
+    title = table[0]
+    if not title[0] or (len(_filled(title)) > 1 and not title[0].startswith(COMMENT)):
+        return 0
+    for start, header in enumerate(table[:-1]):
+        if len(_filled(header)) > 1 and len(set(map(len, table[start:]))) == 1:
+            return start
+    return 0
+
+
+def _refuse_two_headers(table: list[list[str]], lines: list[int], file: str) -> None:
+    """Refuse a header with gaps above another one: environments above names of columns."""
+    if len(table) < 3:
+        return
+    upper, lower, data = table[:3]
+    gaps = 1 < len(_filled(upper)) < len(_filled(lower))
+    if not gaps or any(map(_NUMBER.fullmatch, lower)) or not any(map(_NUMBER.fullmatch, data)):
+        return
     names = []
     above = ""
     for index, name in enumerate(lower):
         above = (upper[index] if index < len(upper) else "") or above
         names.append(f"{name}_{above}" if above else name)
-    message = f"lines {line} and {below} are both headers."
+    message = f"lines {lines[0]} and {lines[1]} are both headers."
     hint = (
         f"Write one line in their place: {','.join(names)}. Then name the columns in the scene,"
         ' such as k_adj = "adj_{environment}" below [columns].'
     )
-    return LayoutError(message, row=line, value=", ".join(_filled(upper)), hint=hint)
+    value = ", ".join(_filled(upper))
+    raise LayoutError(message, file=file, row=lines[0], value=value, hint=hint)
 
 
-def _units(rows: list[_Row]) -> LayoutError | None:
-    """Find a row of words below the header, where the rows below it hold numbers."""
-    if len(rows) < 3 or _has_number(rows[1][1]) or rows[0][1] == rows[1][1]:
-        return None
-    (_, header), (line, second), *data = rows
-    words = {}
-    for name, word, *cells in zip(header, second, *(own for _, own in data), strict=False):
+def _units(table: list[list[str]]) -> dict[str, str]:
+    """Read the row below the header if it holds words where the rows below it hold numbers."""
+    if len(table) < 3 or any(map(_NUMBER.fullmatch, table[1])) or table[0] == table[1]:
+        return {}
+    header, words, *data = table
+    units = {}
+    for name, word, *cells in zip(header, words, *data, strict=False):
         known = [cell for cell in cells if not is_missing(cell)]
         if not is_missing(word) and known and all(map(_NUMBER.fullmatch, known)):
-            words[name] = word
-    if not words:
-        return None
-    name, word = next(iter(words.items()))
-    message = f"line {line} is a row of units or a second header: {shown([*words.values()])}."
-    rule = f'{name} = {{ name = "{name}", unit = "{word}" }}'
-    hint = f"Remove it. Units stand in the scene, below [columns], such as {rule}."
-    return LayoutError(message, row=line, column=name, value=word, hint=hint)
-
-
-def _comment(rows: list[_Row]) -> LayoutError | None:
-    """Find a comment among the data."""
-    for line, cells in rows[1:]:
-        if cells[0].startswith(_COMMENT) and len(_filled(cells)) == 1:
-            message = f"line {line} is a comment."
-            return LayoutError(message, row=line, value=cells[0], hint="Remove it.")
-    return None
+            units[name] = word.strip("()[]")
+    return units
 
 
 def _filled(cells: Sequence[str]) -> list[str]:
     return [cell for cell in cells if cell]
-
-
-def _has_number(cells: Sequence[str]) -> bool:
-    return any(map(_NUMBER.fullmatch, cells))
-
-
-_CHECKS: tuple[Callable[[list[_Row]], LayoutError | None], ...] = (
-    _title,
-    _two_headers,
-    _units,
-    _comment,
-)
 
 
 def refuse_aligned(text: str, file: str, row: int) -> None:

@@ -17,9 +17,10 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions.columns import Header, Resolution, check_columns, resolve, unused_columns
 from percept.sessions.files import Input, decode, is_workbook, load
-from percept.sessions.layout import refuse_headless
+from percept.sessions.layout import LayoutError, refuse_headless
 from percept.sessions.options import ExcludeRule, ReadOptions
 from percept.sessions.paths import expand, ids_from_name
+from percept.sessions.quantities import factor, quantity_of, with_mass
 from percept.sessions.records import (
     CellPlace,
     Exclusion,
@@ -118,6 +119,7 @@ class OpenFile:
                 column += map(share, columns[at], columns[at])
         self.log.counts["rows read"] += len(lines)
         self.log.counts.update(self.grid.dropped)
+        self.log.notices += self.grid.notices
         return pd.DataFrame(texts, index=pd.Index(lines, dtype="int64"), dtype="str")
 
     def is_missing(self, cells: pd.Series[str]) -> npt.NDArray[np.bool_]:
@@ -217,7 +219,7 @@ def _read(table: OpenFile, digest: str) -> Iterator[OpenFile]:
 def _open(grid: Grid, ids: Mapping[str, str], log: Log) -> OpenFile:
     """Find out from the header what kind of table a file is."""
     header = Header(grid.header, grid.file, log.paths)
-    found = resolve(header, log.options)
+    found = _with_units(grid, resolve(header, log.options), log.options)
     file = OpenFile(grid, header, found, ids, log)
     if found.form == "trials":
         try:
@@ -237,6 +239,50 @@ def _open(grid: Grid, ids: Mapping[str, str], log: Log) -> OpenFile:
         file.notice(f"columns not used: {shown(unused)}")
         log.unused = log.unused or [own for own in unused if header.names.count(own) == 1]
     return file
+
+
+def _with_units(grid: Grid, found: Resolution, options: ReadOptions) -> Resolution:
+    """Give the columns of numbers the units of a row below the header, where there is one."""
+    layout = grid.layout
+    if not layout.units:
+        return found
+    quantities = with_mass(options.quantities)
+    rules = dict(found.rules)
+    read = []
+    for canonical, rule in found.rules.items():
+        quantity = quantities.get(quantity_of(canonical))
+        columns = [slot.columns[canonical] for slot in found.slots if canonical in slot.columns]
+        words = {layout.units.get(grid.header[column], "") for column in columns}
+        unit = max(words)
+        if quantity is None or not unit:
+            continue
+        words.add(unit if rule.unit is None else rule.unit)
+        try:
+            if rule.response in ("ratio", "log") or len({factor(u, quantity) for u in words}) > 1:
+                raise UsageError("another unit")
+        except UsageError:
+            raise _second_header(grid, rule.name, unit) from None
+        rules[canonical] = rule.model_copy(update={"unit": unit})
+        read.append(f"{shown([unit])} of {shown([rule.name])}")
+    if not read or found.form == "summary":
+        raise _second_header(grid, *next(iter(layout.units.items())))
+    text = f"line {layout.units_row} is read as units: {', '.join(read)}"
+    grid.notices.append(Notice(text, grid.file, layout.units_row))
+    return replace(found, rules=rules)
+
+
+def _second_header(grid: Grid, column: str, word: str) -> LayoutError:
+    """Say that a row of words below the header is no row of units, or that the scene differs."""
+    row = grid.layout.units_row
+    message = (
+        f"line {row} is a second header, or a row of units that do not fit:"
+        f" {shown([*grid.layout.units.values()])}."
+    )
+    hint = (
+        "Remove it. Units stand in the scene, below [columns], such as"
+        ' k_adj = { name = "…", unit = "N/mm" }.'
+    )
+    return LayoutError(message, file=grid.file, row=row, column=column, value=word, hint=hint)
 
 
 def read_grid(entry: Input, options: ReadOptions, notices: list[Notice]) -> Grid:

@@ -17,8 +17,16 @@ from itertools import chain, islice
 from typing import Literal
 
 from percept.errors import UsageError
-from percept.sessions.layout import MOST_ROWS, LayoutError, refuse_aligned, refuse_layout
-from percept.sessions.records import NoDataError, clip
+from percept.sessions.layout import (
+    COMMENT,
+    MOST_ROWS,
+    Layout,
+    LayoutError,
+    is_comment,
+    layout_of,
+    refuse_aligned,
+)
+from percept.sessions.records import NoDataError, Notice, clip, shown
 
 #: Physical line (the header's is 1) and cells.
 Rows = Iterator[tuple[int, list[str]]]
@@ -54,6 +62,8 @@ class Grid:
         Line and cells of each record below it.
     delimiter : str
         What stands between the cells in the file.
+    layout : Layout, optional
+        What stands around the table.
 
     Raises
     ------
@@ -61,9 +71,18 @@ class Grid:
         No row, or one of another width.
     """
 
-    def __init__(self, file: str, names: list[str], records: Rows, delimiter: str = ",") -> None:
+    def __init__(
+        self,
+        file: str,
+        names: list[str],
+        records: Rows,
+        delimiter: str = ",",
+        layout: Layout | None = None,
+    ) -> None:
         self.file = file
         self.delimiter = delimiter
+        self.layout = layout or Layout()
+        self.notices = list(self.layout.notices)
         self.dropped = Counter[str]()  # Records that are no data, by reason
         self._refuse_half("".join(names), 1)
         # A delimiter may end the header; a column without a name is called by its position.
@@ -89,6 +108,11 @@ class Grid:
                 self.dropped["blank line"] += 1
             elif text.strip() == "END OF FILE":
                 self.dropped["end-of-file mark"] += 1
+            elif text.startswith(COMMENT) and is_comment(cells):
+                if not self.dropped["comment"]:
+                    text = f"comments are skipped, here the first: {shown([cells[0]])}"
+                    self.notices.append(Notice(text, self.file, line))
+                self.dropped["comment"] += 1
             else:
                 width = width or len(cells)
                 # A writer may end every line with a delimiter, whether or not it ends the header
@@ -155,14 +179,16 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
     for sign in [delimiter] if delimiter else _delimiters(header, beginning):
         for quoting in _quotings(beginning):
             try:
-                fits.append(
-                    _with_header(_records(text, sign, quoting, file, first_row), file, sign)
-                )
+                records = _records(text, sign, quoting, file, first_row)
+                fits.append(with_header(records, file, sign, fewest=2))
                 break
             except UsageError as misfit:
-                # The delimiter meant splits the header most, and the quoting meant gets farthest.
+                # The delimiter meant splits the text most, and the quoting meant gets farthest.
                 named = isinstance(misfit, LayoutError)
-                misfits.append((named, header.count(sign), misfit.row or 0, misfit))
+                misfits.append((named, beginning.count(sign), misfit.row or 0, misfit))
+    # Under a delimiter that is none, a row with one in a cell would look like a header.
+    least = min((grid.layout.skipped for grid in fits), default=0)
+    fits = [grid for grid in fits if grid.layout.skipped == least]
     if len(fits) == 1:
         return fits[0]
     if fits:
@@ -194,19 +220,27 @@ def _quotings(text: str) -> tuple[Quoting, ...]:
     return ("doubled", "backslash")
 
 
-def _with_header(records: Rows, file: str, delimiter: str) -> Grid:
-    """Make a table of records. The first line that is not blank is the header."""
+def with_header(records: Rows, file: str, delimiter: str = ",", *, fewest: int = 1) -> Grid:
+    """Make a table of records whose header stands below a title or blank lines, or first.
+
+    The header has at least the fewest cells that are given.
+
+    Raises
+    ------
+    UsageError
+        There is no header, or there are no data below it.
+    """
     first = list(islice(records, MOST_ROWS))
-    refuse_layout(first, file)
-    filled = [at for at, (_, cells) in enumerate(first) if any(map(str.strip, cells))]
-    if not filled:
+    if not any(cell.strip() for _, cells in first for cell in cells):
         hint = "Leave it out, or export it again."
         raise UsageError("the file has no header.", file=file, hint=hint)
-    line, names = first[filled[0]]
-    if not 2 <= len(names) <= _MOST_CELLS:
+    layout = layout_of(first, file)
+    line, names = first[layout.header]
+    if not fewest <= len(names) <= _MOST_CELLS:
         hint = "Correct the header, or declare [sessions] delimiter."
         raise UsageError(f"a header of {len(names)} cells.", file=file, row=line, hint=hint)
-    grid = Grid(file, names, chain(first[filled[0] + 1 :], records), delimiter)
+    records = chain(first[layout.data :], records)
+    grid = Grid(file, names, records, delimiter, layout)
     if not grid.sample:
         message = "there are no data below the header."
         raise NoDataError(message, file=file, row=line, hint="Leave the file out.")

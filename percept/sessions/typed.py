@@ -22,10 +22,10 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import matlab
 from percept.sessions.files import Input, is_workbook, load
-from percept.sessions.layout import MOST_ROWS, refuse_layout
+from percept.sessions.layout import MOST_ROWS, layout_of
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, shown
-from percept.sessions.text import Grid
+from percept.sessions.text import Grid, with_header
 from percept.sessions.values import unique_keys
 
 #: The header, then the rows.
@@ -103,6 +103,8 @@ def typed_grid(entry: Input, limits: FileLimits) -> Grid:
     reader = _reader(entry) or _sheet
     with _refusing(entry):
         rows = reader(entry, limits)
+    if reader is _sheet:
+        return with_header(enumerate(_texts(rows, entry.name, limits), 1), entry.name)
     return grid_of(rows, entry.name, limits)
 
 
@@ -226,26 +228,26 @@ def _sheet(entry: Input, limits: FileLimits) -> _Table:
     """Read a sheet, each row as wide as its header."""
     book = _workbook(entry)
     names = book.sheetnames
-    first = ""
+    likely = ""
     also = ""
     if entry.part is None:
         names = [sheet.part for sheet in sheets(entry)] or names[:1]
         tables = [name for name in names if _looks_like_data(book[name])]
         if tables and tables != names:
-            first = tables[0]
+            likely = tables[0]
             also = f"{shown(tables)} {'looks' if len(tables) == 1 else 'look'} like data. "
     also += 'Or read all that are alike: [sessions] sheet = "*".'
-    name = _chosen(names, entry, also, first=first)
+    name = _chosen(names, entry, also, first=likely)
     rows = list(_ragged(book[name], _workbook(entry, values=False)[name], entry.name, limits))
     if not rows:
         hint = "Name another with [sessions] sheet."
         raise UsageError("the sheet is empty.", file=entry.name, hint=hint)
     widest = max(map(len, rows))
-    padded = [row + [""] * (widest - len(row)) for row in rows[:MOST_ROWS]]
-    texts = [[_text(value) for value in row] for row in padded]
-    refuse_layout(list(enumerate(texts, 1)), entry.name)
+    first = [[_text(value) for value in row] for row in rows[:MOST_ROWS]]
+    padded = [row + [""] * (widest - len(row)) for row in first]
+    layout = layout_of(list(enumerate(padded, 1)), entry.name)
     # Cells right of the last column name hold notes.
-    width = len(rows[0])
+    width = len(rows[layout.header])
     return [row[:width] + [""] * (width - len(row)) for row in rows]
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from percept.cli import main
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, propose_columns, read_sessions
+from percept.sessions import ReadOptions, read_sessions
 
 HEAD = "subject,environment,trial,k_ref,k_adj"
 WALLS = {"soft": 500, "hard": 2000}
@@ -61,35 +61,23 @@ def refusal(path, **tables):
 
 #: Lines, then row, column, value, message and remedy of the one problem.
 IN_TEXT = {
-    "a title": (
-        ["Stiffness study,,,,", "", *lines()],
+    "a title above data": (
+        ["Stiffness study", *lines()[1:]],
         (1, None, "Stiffness study"),
-        "line 1 is a title or a comment: the header seems to be in line 3.",
-        "Remove the lines above line 3.",
+        "line 1 is a title, and line 2 below it has numbers: no header.",
+        "Write the names of the columns in a line above the data.",
     ),
-    "a title without commas": (
-        ["Stiffness study 2024", *lines()],
-        (1, None, "Stiffness study 2024"),
-        "line 1 is a title or a comment: the header seems to be in line 2.",
-        "Remove the lines above line 2.",
+    "a comment of several cells": (
+        [*lines()[:4], "# a pause, and coffee", *lines()[4:]],
+        (5, None, "# a pause, and coffee"),
+        "2 cells where the header has 5 and the lines above have 5.",
+        "Fix this line or its quotes.",
     ),
-    "comments": (
-        ["# made by hand", "# two, of three", *lines()],
-        (1, None, "# made by hand"),
-        "line 1 is a title or a comment",
-        "Remove the lines above line",
-    ),
-    "a comment among the data": (
-        [*lines()[:4], "# a pause", *lines()[4:]],
-        (5, None, "# a pause"),
-        "line 5 is a comment.",
-        "Remove it.",
-    ),
-    "a row of units": (
-        [HEAD, ",,,N/m,N/mm", *lines()[1:]],
-        (2, "k_ref", "N/m"),
-        "line 2 is a row of units or a second header: 'N/m', 'N/mm'.",
-        'such as k_ref = { name = "k_ref", unit = "N/m" }.',
+    "a row of words": (
+        [HEAD, ",,,shown,N/mm", *lines()[1:]],
+        (2, "k_ref", "shown"),
+        "line 2 is a second header, or a row of units that do not fit: 'shown', 'N/mm'.",
+        'such as k_adj = { name = "…", unit = "N/mm" }.',
     ),
     "two headers": (
         [",soft,,hard,", "subject,ref,adj,ref,adj", "P1,500,510,2000,2100", "P2,500,490,2000,1900"],
@@ -162,27 +150,63 @@ def test_a_fault_of_a_text_is_named_and_refused(tmp_path, name):
     assert remedy in problem.hint
 
 
+TITLE = "the header is in line 3; what stands above it is skipped: 'Stiffness study'"
+COMMENTS = "the header is in line 3; what stands above it is skipped: '# made by hand'"
+UNITS = "line 2 is read as units: 'N/m' of 'k_ref', 'N/m' of 'k_adj'"
+#: Lines, then what is said of them, with its line.
+AROUND = {
+    "a title": (["Stiffness study,,,,", "", *lines()], (1, TITLE)),
+    "a title without commas": (["Stiffness study", "", *lines()], (1, TITLE)),
+    "comments": (["# made by hand", "# two, of three", *lines()], (1, COMMENTS)),
+    "a comment among the data": (
+        [*lines()[:4], "# a pause", *lines()[4:], "% the end"],
+        (5, "comments are skipped, here the first: '# a pause'"),
+    ),
+    "a row of units": ([HEAD, ",,,N/m,[N/m]", *lines()[1:]], (2, UNITS)),
+}
+
+
+@pytest.mark.parametrize("name", AROUND)
+def test_what_stands_around_a_table_is_named(tmp_path, name):
+    text, (row, said) = AROUND[name]
+    whole = read_sessions(csv_file(tmp_path, lines()))
+    found = read_sessions(csv_file(tmp_path, text))
+    assert found.table.equals(whole.table)
+    assert [(notice.row, notice.text) for notice in found.notices] == [(row, said)]
+
+
+def test_a_title_stands_above_any_delimiter_and_decimal_mark(tmp_path):
+    whole = read_sessions(csv_file(tmp_path, lines()))
+    text = [line.replace(",", ";").replace(".", ",") for line in lines()]
+    found = read_sessions(csv_file(tmp_path, ["Stiffness study", *text]))
+    assert found.table.equals(whole.table)
+
+
+def test_units_of_a_row_are_converted_and_held_to_the_scene(tmp_path):
+    whole = read_sessions(csv_file(tmp_path, lines())).table
+    cells = [[*row[:4], row[4] / 1000] for row in rows()]
+    text = [HEAD, ",,,N/m,N/mm", *(",".join(map(str, row)) for row in cells)]
+    path = csv_file(tmp_path, text)
+    assert read_sessions(path).table["k_adj"].tolist() == pytest.approx(whole["k_adj"].tolist())
+    columns = {"k_adj": {"name": "k_adj", "unit": "kN/m"}}
+    assert len(read_sessions(path, columns=columns).table) == 24
+    columns["k_adj"]["unit"] = "N/m"
+    assert "units that do not fit" in refusal(path, columns=columns).message
+    text[1] = ",,,N/m,"
+    wide = [line.replace("k_ref,k_adj", "k_a,k_b") for line in text]
+    both = {"k_adj": "k_{environment}"}
+    assert "units that do not fit" in refusal(csv_file(tmp_path, wide), columns=both).message
+
+
 def blanked(row):
     """A row whose subject stands in the first of merged cells alone."""
     return row if row[2] == 1 and row[1] == "soft" else [None, *row[1:]]
 
 
 NAMES = HEAD.split(",")
-TITLE = [["Stiffness study"], [], NAMES, *rows()]
-UNITS = [NAMES, [None, None, None, "N/m", "N/m"], *rows()]
 TWO = [[None, "soft", None, "hard"], ["subject", "ref", "adj", "ref"], ["P1", 500, 510, 2000]]
 MERGED = [NAMES, *map(blanked, rows())]
 IN_WORKBOOKS = {
-    "a title": (
-        {"data": TITLE},
-        1,
-        "line 1 is a title or a comment: the header seems to be in line 3.",
-    ),
-    "units": (
-        {"data": UNITS},
-        2,
-        "line 2 is a row of units or a second header: 'N/m', 'N/m'.",
-    ),
     "two headers": ({"data": TWO}, 1, "lines 1 and 2 are both headers."),
     "merged cells": (
         {"data": MERGED},
@@ -202,6 +226,17 @@ def test_a_fault_of_a_workbook_is_named_and_refused(tmp_path, name):
     sheets, row, message = IN_WORKBOOKS[name]
     problem = refusal(workbook(tmp_path, **sheets))
     assert (problem.row, problem.message) == (row, message)
+
+
+def test_a_title_and_units_of_a_workbook_are_named(tmp_path):
+    whole = read_sessions(workbook(tmp_path, data=[NAMES, *rows()])).table
+    units = [None, None, None, "N/m", "N/m"]
+    cells = [["Stiffness study"], [], NAMES, units, *rows()]
+    cells[5] = [*cells[5], None, "a note"]
+    found = read_sessions(workbook(tmp_path, data=cells))
+    assert found.table.equals(whole)
+    said = [(notice.row, notice.text) for notice in found.notices]
+    assert said == [(1, TITLE), (4, UNITS.replace("line 2", "line 4"))]
 
 
 def test_a_formula_that_nobody_worked_out_is_refused(tmp_path):
@@ -327,7 +362,6 @@ def test_unused_columns_may_stand_twice(tmp_path, capsys):
     assert "repeat a subject, session and environment" in refusal(path).message
     assert main(["validate", str(path)]) == 2
     assert "2 of 4 rows (50.0%) repeat" in capsys.readouterr().out
-    assert propose_columns(path).roles["trial"] == "?"
     scene = ReadOptions(sessions={"trial": "order"})
     found = read_sessions(path, scene=scene)
     assert len(found.table) == 4

@@ -90,11 +90,12 @@ def test_folders_of_jspsych_are_read(tmp_path):
     proposal = propose_columns(tmp_path)
     assert proposal.roles == {
         "subject": "subject",
+        "environment": "?",
         "response_ref": "target",
         "response_adj": "response",
         "trial": "trial_index",
     }
-    text = proposal.text.replace('unit = "?"', 'unit = "mm"')
+    text = proposal.text.replace('unit = "?"', 'unit = "mm"').replace("environment =", "#")
     found = read_sessions(tmp_path, scene=ReadOptions.from_mapping(tomllib.loads(text)))
     assert len(found.table) == 96
 
