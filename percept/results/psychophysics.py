@@ -64,7 +64,9 @@ class EquivalenceRow(NotebookRecord):
     unit: str
     reference: float  # In `unit`
     decision: float  # Probability, or confidence, that decides
-    probability: float | None  # Posterior, that the bias is smaller; None by the classical method
-    error: float | None  # Its Monte Carlo standard error
-    p_within: float | None  # Of the two one-sided tests; None by the Bayesian method
-    p_beyond: float | None  # Of the tests that it is larger: the smaller one, doubled
+    probability: float | None = (
+        None  # Posterior, that the bias is smaller; None by the classical method
+    )
+    error: float | None = None  # Its Monte Carlo standard error
+    p_within: float | None = None  # Of the two one-sided tests; None by the Bayesian method
+    p_beyond: float | None = None  # Of the tests that it is larger: the smaller one, doubled

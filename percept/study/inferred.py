@@ -146,7 +146,7 @@ class Inferred:
             return ()
         from percept.study.psychophysics.lines import posterior_lines
 
-        return self._kept("pse_lines", posterior_lines(self.passed, self.data))
+        return self._kept("pse_lines", posterior_lines(self.passed))
 
     @cached_property
     def equivalence_rows(self) -> tuple[EquivalenceRow, ...]:

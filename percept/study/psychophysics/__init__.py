@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from percept.results import EquivalenceRow, PsychophysicsRow, Skipped
+from percept.results import PsychophysicsRow, Skipped
 from percept.study.data import Data
 from percept.study.psychophysics.classical import absent_jnds, classical_psychophysics
-from percept.study.psychophysics.equivalence import classical_equivalence, posterior_equivalence
+from percept.study.psychophysics.equivalence import equivalence
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -25,15 +25,4 @@ def psychophysics(data: Data, fit: Fit | None) -> Iterator[PsychophysicsRow | Sk
         # The classical method does without the model.
         from percept.study.psychophysics.posterior import posterior_psychophysics
 
-        yield from posterior_psychophysics(fit, data)
-
-
-def equivalence(data: Data, fit: Fit | None) -> Iterator[EquivalenceRow | Skipped]:
-    """Yield whether biases are smaller than one JND; nothing without a JND."""
-    quantities = data.sessions.options.quantities.values()
-    if not data.scene.study.jnd or not any(quantity.is_matched for quantity in quantities):
-        return
-    if data.asked.method != "bayesian":
-        yield from classical_equivalence(data)
-    if fit is not None:
-        yield from posterior_equivalence(fit, data)
+        yield from posterior_psychophysics(fit)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,7 @@ from percept.results import EquivalenceRow, Skipped
 from percept.results.psychophysics import Equivalence
 from percept.sessions.quantities import amount_in
 from percept.study.basics import Array
-from percept.study.data import Data
+from percept.study.data import Cell, Data
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -25,97 +24,106 @@ if TYPE_CHECKING:
 _SURE = 2.0
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Values one JND below and above a reference."""
+def equivalence(data: Data, fit: Fit | None) -> Iterator[EquivalenceRow | Skipped]:
+    """Yield whether biases are smaller than one JND; nothing without a JND."""
+    quantities = data.sessions.options.quantities.values()
+    if not any(quantity.is_matched for quantity in quantities):
+        return
+    jnds = data.scene.study.jnd
+    if data.asked.method != "bayesian":
+        for cell in data.cells[data.asked.family]:
+            if cell.parameter in jnds:
+                yield _classical(data, cell)
+    if fit is not None:
+        trial_sds = _trial_sds(fit)
+        for where in fit.column:
+            if where[0] in jnds:
+                yield _posterior(fit, where, trial_sds.get(where))
 
-    reference: float  # In the quantity's unit
-    jnd: float  # In the quantity's unit, above zero
 
-    def ends(self, *, log: bool) -> tuple[float, float]:
-        """Both limits in the quantity's unit, or their logarithms."""
-        lower = self.reference - self.jnd
-        upper = self.reference + self.jnd
-        if not log:
-            return lower, upper
-        # No positive value lies a whole reference below it.
-        return math.log(lower) if lower > 0.0 else -math.inf, math.log(upper)
-
-
-def limits_of(data: Data, parameter: str, environment: str) -> Limits | Skipped:
-    """Return the limits in an environment, or why there are none; not of a JND from trials."""
+def _jnd(data: Data, where: tuple[str, str]) -> float | Skipped:
+    """Return the JND of a cell in the quantity's unit, or why there is none; not of trials."""
+    parameter, environment = where
     quantity = data.quantities[parameter]
     jnd = data.scene.study.jnd[parameter]
-    reference = data.reference[parameter, environment]
+    reference = data.reference[where]
     what = f"whether {quantity.label} of {environment} is within one JND"
     if math.isnan(reference):
         return Skipped(what, "there is no reference")
     if isinstance(jnd, str):
-        return Limits(reference, amount_in(quantity, jnd))
+        return amount_in(quantity, jnd)
     if reference == 0.0:
         return Skipped(what, "a fraction of a reference of zero is zero; give the JND in its unit")
-    return Limits(reference, jnd * abs(reference))
+    return jnd * abs(reference)
 
 
-def classical_equivalence(data: Data) -> Iterator[EquivalenceRow | Skipped]:
-    """Yield two one-sided tests of size 1 - decision, environment by environment."""
+def _ends(reference: float, jnd: float, *, log: bool) -> tuple[float, float]:
+    """Return the values one JND below and above a reference, or their logarithms."""
+    lower = reference - jnd
+    upper = reference + jnd
+    if not log:
+        return lower, upper
+    # No positive value lies a whole reference below it.
+    return math.log(lower) if lower > 0.0 else -math.inf, math.log(upper)
+
+
+def _classical(data: Data, cell: Cell) -> EquivalenceRow | Skipped:
+    """Judge a cell by two one-sided tests of size 1 - decision."""
     asked = data.asked
-    for cell in data.cells[asked.family]:
-        jnd = data.scene.study.jnd.get(cell.parameter)
-        if jnd is None:
-            continue
-        what = f"classical verdict whether {cell.quantity.label} is within one JND"
-        if jnd == "trials":
-            yield Skipped(what, "a JND from trials has an error that the tests do not know")
-            continue
-        if cell.moments is None:
-            yield Skipped(f"{what} in {cell.environment}", cell.why)
-            continue
-        limits = limits_of(data, cell.parameter, cell.environment)
-        if isinstance(limits, Skipped):
-            yield limits
-            continue
-        ends = limits.ends(log=asked.family == "lognormal")
-        tests = tost(cell.moments.on_scale(asked.family), *ends)
-        p_values = float(tests.p_within), float(tests.p_beyond)
-        size = 1.0 - asked.decision
-        outcome = _outcome(within=p_values[0] <= size, beyond=p_values[1] <= size)
-        where = cell.parameter, cell.environment
-        yield _row(data, where, "classical", outcome, limits.jnd, p_values=p_values)
+    what = f"classical verdict whether {cell.quantity.label} is within one JND"
+    if data.scene.study.jnd[cell.parameter] == "trials":
+        return Skipped(what, "a JND from trials has an error that the tests do not know")
+    if cell.moments is None:
+        return Skipped(f"{what} in {cell.environment}", cell.why)
+    where = (cell.parameter, cell.environment)
+    jnd = _jnd(data, where)
+    if isinstance(jnd, Skipped):
+        return jnd
+    ends = _ends(data.reference[where], jnd, log=asked.family == "lognormal")
+    tests = tost(cell.moments.on_scale(asked.family), *ends)
+    within = float(tests.p_within)
+    beyond = float(tests.p_beyond)
+    size = 1.0 - asked.decision
+    outcome = _outcome(within=within <= size, beyond=beyond <= size)
+    return _row(data, where, "classical", outcome, jnd, p_within=within, p_beyond=beyond)
 
 
-def posterior_equivalence(fit: Fit, data: Data) -> Iterator[EquivalenceRow | Skipped]:
-    """Yield the verdict on every cell of a fit that passed."""
-    trial_sds = _trial_sds(fit)
-    for cell, c in fit.column.items():
-        parameter, environment = cell
-        jnd = data.scene.study.jnd.get(parameter)
-        if jnd is None:
-            continue
-        size: float | None = None
-        ends: tuple[FloatOrArray, FloatOrArray]
-        if jnd != "trials":
-            limits = limits_of(data, parameter, environment)
-            if isinstance(limits, Skipped):
-                yield limits
-                continue
-            size = limits.jnd
-            ends = _responses(fit, limits, c)
-        elif cell in trial_sds:
-            ends = _trial_ends(trial_sds[cell], log=fit.scale.log)
-        else:
-            label = data.quantities[parameter].label
-            what = f"whether {label} of {environment} is within one JND from trials"
-            yield Skipped(what, "without repeated trials there is none")
-            continue
-        mean = fit.moments.mean[:, c]
-        sd = fit.moments.sd[:, c]
-        inside = special.ndtr((ends[1] - mean) / sd) - special.ndtr((ends[0] - mean) / sd)
-        probability = float(inside.mean())
-        error = float(inside.std()) / math.sqrt(len(fit.points))
-        decisive = data.asked.decision + _SURE * error
-        outcome = _outcome(within=probability >= decisive, beyond=1.0 - probability >= decisive)
-        yield _row(data, cell, "bayesian", outcome, size, probability=(probability, error))
+def _posterior(
+    fit: Fit, where: tuple[str, str], trial_sd: Array | None
+) -> EquivalenceRow | Skipped:
+    """Judge a cell of a fit that passed; `trial_sd` has its draws of the SD between trials."""
+    data = fit.data
+    c = fit.column[where]
+    scale = fit.scale.at(c)
+    size: float | None = None
+    ends: tuple[FloatOrArray, FloatOrArray]
+    if data.scene.study.jnd[where[0]] != "trials":
+        jnd = _jnd(data, where)
+        if isinstance(jnd, Skipped):
+            return jnd
+        size = jnd
+        lower, upper = _ends(data.reference[where], jnd, log=scale.log)
+        origin = float(np.log(scale.origin) if scale.log else scale.origin)
+        unit = float(scale.unit)
+        ends = ((lower - origin) / unit, (upper - origin) / unit)
+    elif trial_sd is not None:
+        ends = (-trial_sd, trial_sd)
+        if scale.log:
+            # As far below the reference as above it, in the quantity's unit.
+            with np.errstate(divide="ignore"):
+                ends = (np.log(np.maximum(2.0 - np.exp(trial_sd), 0.0)), trial_sd)
+    else:
+        label = data.quantities[where[0]].label
+        what = f"whether {label} of {where[1]} is within one JND from trials"
+        return Skipped(what, "without repeated trials there is none")
+    mean = fit.moments.mean[:, c]
+    sd = fit.moments.sd[:, c]
+    inside = special.ndtr((ends[1] - mean) / sd) - special.ndtr((ends[0] - mean) / sd)
+    probability = float(inside.mean())
+    error = float(inside.std()) / math.sqrt(len(fit.points))
+    decisive = data.asked.decision + _SURE * error
+    outcome = _outcome(within=probability >= decisive, beyond=1.0 - probability >= decisive)
+    return _row(data, where, "bayesian", outcome, size, probability=probability, error=error)
 
 
 def _outcome(*, within: bool, beyond: bool) -> Equivalence:
@@ -127,16 +135,14 @@ def _outcome(*, within: bool, beyond: bool) -> Equivalence:
 
 def _row(
     data: Data,
-    cell: tuple[str, str],
+    where: tuple[str, str],
     method: Method,
     outcome: Equivalence,
     jnd: float | None,
-    *,
-    probability: tuple[float | None, float | None] = (None, None),
-    p_values: tuple[float | None, float | None] = (None, None),
+    **evidence: float,
 ) -> EquivalenceRow:
-    """Make a row of a probability with its error, or of both p-values."""
-    parameter, environment = cell
+    """Make the row of a verdict; `evidence` are p-values, or a probability and its error."""
+    parameter, environment = where
     return EquivalenceRow(
         environment=environment,
         parameter=parameter,
@@ -145,42 +151,19 @@ def _row(
         outcome=outcome,
         jnd=jnd,
         unit=data.quantities[parameter].unit,
-        reference=data.reference[cell],
+        reference=data.reference[where],
         decision=data.asked.decision,
-        probability=probability[0],
-        error=probability[1],
-        p_within=p_values[0],
-        p_beyond=p_values[1],
+        **evidence,
     )
-
-
-def _responses(fit: Fit, limits: Limits, c: int) -> tuple[float, float]:
-    """Return the limits of a cell on the response scale."""
-    origin = float(fit.scale.origin[c])
-    unit = float(fit.scale.unit[c])
-    lower, upper = limits.ends(log=fit.scale.log)
-    if fit.scale.log:
-        origin = math.log(origin)
-    return (lower - origin) / unit, (upper - origin) / unit
-
-
-def _trial_ends(sd: Array, *, log: bool) -> tuple[Array, Array]:
-    """Return each draw's limits on the response scale, one SD between trials (S,) off."""
-    if not log:
-        return -sd, sd
-    # As far below the reference as above it, in the quantity's unit.
-    below = np.maximum(2.0 - np.exp(sd), 0.0)
-    with np.errstate(divide="ignore"):
-        return np.log(below), sd
 
 
 def _trial_sds(fit: Fit) -> dict[tuple[str, str], Array]:
     """Return every cell's draws of the SD between trials; empty without repeats."""
     points = fit.run.points.reshape(len(fit.moments.mean), -1)
     sds: dict[tuple[str, str], Array] = {}
-    for density, coordinates in fit.model.split(points):
-        named = density.scales(coordinates)
+    for model, coordinates in fit.model.split(points):
+        named = model.scales(coordinates)
         if "sigma_e" in named:
             _, draws = named["sigma_e"]
-            sds |= dict(zip(density.cells, draws.reshape(len(draws), -1).T, strict=True))
+            sds |= dict(zip(model.cells, draws.reshape(len(draws), -1).T, strict=True))
     return sds

@@ -14,10 +14,10 @@ from percept.inference.model.laws import Moments
 from percept.inference.model.predictions import trend_rows
 from percept.results import PseLineRow, Skipped
 from percept.study.basics import Array
-from percept.study.data import Data
 from percept.study.fit import Fit
-from percept.study.psychophysics.limits import bounded_means
-from percept.study.psychophysics.site import exp, mapped
+from percept.study.psychophysics.posterior import DrawLimits
+from percept.study.psychophysics.rows import mapped
+from percept.study.responses import ResponseScale
 
 #: References of a line, evenly spaced in decades: its limits are smooth between them.
 _POINTS = 25
@@ -27,70 +27,61 @@ _FEWEST_REFERENCES = 3
 _MOST_TOLERANCES = 10.0
 
 
-def posterior_lines(fit: Fit, data: Data) -> Iterator[PseLineRow | Skipped]:
+def posterior_lines(fit: Fit) -> Iterator[PseLineRow | Skipped]:
     """Yield the line of each quantity in each condition, reference by reference."""
-    for density, points in fit.model.split(fit.points):
+    for model, points in fit.model.split(fit.points):
+        statistics = model.statistics
         tested: dict[int, Array] = {}
-        for p, parameter in enumerate(density.statistics.parameters):
-            names = density.statistics.environments
-            references = np.array([data.reference[parameter, name] for name in names])
-            why = _why_not(np.unique(references))
-            if why:
-                yield Skipped(_what(data, parameter), why)
+        for p, parameter in enumerate(statistics.parameters):
+            of_all = [fit.data.reference[parameter, name] for name in statistics.environments]
+            if why := _why_not(of_all):
+                yield Skipped(_what(fit, parameter), why)
             else:
-                tested[p] = references
+                tested[p] = np.array(of_all)
         if not tested:
             continue
-        subjects = len(density.statistics.subjects)
-        for condition, (heights, slopes) in trend_rows(density).items():
+        for condition, (heights, slopes) in trend_rows(model).items():
             for p, references in tested.items():
-                where = density.statistics.parameters[p], condition
-                at = _references(references)
+                # A line ends where the study ends.
+                at = np.geomspace(references.min(), references.max(), _POINTS)
                 decades = np.log10(at) - np.log10(references).mean()
                 rows = heights[p] + np.multiply.outer(decades, slopes[p])
-                laws = density.moments(points, rows)
-                yield from _line(laws, at, data, where, subjects)
+                where = (statistics.parameters[p], condition, len(statistics.subjects))
+                yield from _line(fit, model.moments(points, rows), at, where)
 
 
-def _what(data: Data, parameter: str) -> str:
-    return f"line of {data.quantities[parameter].label} over the reference"
+def _what(fit: Fit, parameter: str) -> str:
+    return f"line of {fit.data.quantities[parameter].label} over the reference"
 
 
-def _why_not(references: Array) -> str:
-    """Say why different references have no line; empty where they have."""
-    if references[0] <= 0.0:
+def _why_not(references: list[float]) -> str:
+    """Say why references have no line; empty where they have."""
+    if min(references) <= 0.0:
         return "a reference of zero or below has no logarithm"
-    if len(references) < _FEWEST_REFERENCES:
-        return (
-            f"it needs {_FEWEST_REFERENCES} different references, and there are {len(references)}"
-        )
+    count = len(set(references))
+    if count < _FEWEST_REFERENCES:
+        return f"it needs {_FEWEST_REFERENCES} different references, and there are {count}"
     return ""
 
 
-def _references(tested: Array) -> Array:
-    """Return the references of a line: it ends where the study ends."""
-    return np.geomspace(tested.min(), tested.max(), _POINTS)
-
-
 def _line(
-    laws: Moments, at: Array, data: Data, where: tuple[str, str], subjects: int
+    fit: Fit, laws: Moments, at: Array, where: tuple[str, str, int]
 ) -> Iterator[PseLineRow | Skipped]:
-    """Yield a row for each reference, from the laws of responses there."""
-    asked = data.asked
-    parameter, condition = where
-    limits_at = bounded_means(laws, asked.level, len(laws.mean))
+    """Yield a row for each reference, from the laws of responses there.
+
+    `where` is the quantity, the condition and the number of subjects.
+    """
+    asked = fit.data.asked
+    parameter, condition, subjects = where
+    limits_at = DrawLimits(asked.level, effective=len(laws.mean)).of_laws(laws)
     # In half-widths.
     worst = max(2.0 * (own.error or 0.0) / (own.upper - own.lower) for own in limits_at)
     if worst > _MOST_TOLERANCES * asked.tolerance:
         why = f"the Monte Carlo error of its limits is {worst:.0%} of a half-width"
-        yield Skipped(_what(data, parameter), why)
+        yield Skipped(_what(fit, parameter), why)
         return
-    for reference, limits in zip(at.tolist(), limits_at, strict=True):
-
-        def native(response: float, reference: float = reference) -> float:
-            log = asked.family == "lognormal"
-            return reference * (exp(response) if log else 1.0 + response)
-
+    scale = ResponseScale.of(at, asked.family)
+    for index, (reference, limits) in enumerate(zip(at.tolist(), limits_at, strict=True)):
         yield PseLineRow(
             parameter=parameter,
             condition=condition,
@@ -98,7 +89,7 @@ def _line(
             family=asked.family,
             level=asked.level,
             reference=reference,
-            **vars(mapped(limits, native)),
-            unit=data.quantities[parameter].unit,
+            **vars(mapped(limits, scale.at(index).native)),
+            unit=fit.data.quantities[parameter].unit,
             n=subjects,
         )

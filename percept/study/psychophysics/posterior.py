@@ -7,7 +7,8 @@ first one come first. All SDs are of responses:
 - `sigma_u`: between subjects, in the effect that a subject has in all environments;
 - `sigma`: between subjects, in what else each has in one environment (rows call it `sigma_w`);
 - `population_sd`: between users in one environment: both together, and effects of factors;
-- `sigma_e`: between trials of one subject, a typical one if subjects have trial SDs of their own.
+- `sigma_e`: between trials of one subject, a typical one if subjects have trial SDs of their own;
+- `phi`: the log of a subject's trial SD over sigma_e, with the SD `omega_s`.
 
 There are S draws of the scales. Some R of them are independent, and stand for what takes long to
 draw or to solve. Given a draw a location is normal, so limits of points of equality are roots of
@@ -17,87 +18,117 @@ mixtures. Scales and reliabilities have quantiles of draws.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from percept.inference.classical.variability import Bounded
+from percept.inference.model.laws import Moments
 from percept.inference.model.model import LinearModel
 from percept.inference.model.predictions import trend_rows
 from percept.inference.model.subjects import cells_of_subjects
+from percept.inference.sampling.endpoints import mixture_quantile
 from percept.results import PsychophysicsRow
+from percept.results.psychophysics import Measure
 from percept.study.basics import Array, Stream, generator
-from percept.study.data import Data
 from percept.study.fit import Fit
-from percept.study.psychophysics.limits import DrawLimits, bounded_means
-from percept.study.psychophysics.site import Site, exp, mapped
+from percept.study.psychophysics.rows import Place, mapped
+
+_Rows = Iterator[PsychophysicsRow]
+#: Draws, (S, places), by what they are of.
+_Drawn = dict[Measure, Array]
 
 
-def posterior_psychophysics(fit: Fit, data: Data) -> Iterator[PsychophysicsRow]:
-    """Yield the Bayesian rows of a fit that passed."""
-    scene = data.scene
-    sites = _sites(fit, data)
-    level = scene.inference.level
-    independent = fit.points
-    limits = DrawLimits(level, effective=len(independent))
-    points_of_equality = bounded_means(fit.moments, level, limits.effective)
-    population_sd = fit.moments.population_sd
-    for cell, c in fit.column.items():
-        site = sites[cell]
-        pse = mapped(points_of_equality[c], _to_native(fit, c))
-        yield site.row("pse", pse, site.quantity.unit)
-        yield from site.of_subjects(limits.of(population_sd[:, c]))
-    rng = generator(scene.inference.seed, Stream.PSYCHOPHYSICS)
-    locations, _ = fit.model.draw(independent, rng)
-    every = fit.run.points.reshape(len(population_sd), -1)
-    every_by_model = fit.model.split(every)
-    independent_by_model = fit.model.split(independent)
-    for (model, every_draw), (_, independent_draws) in zip(
-        every_by_model, independent_by_model, strict=True
-    ):
-        columns = [fit.column[cell] for cell in model.cells]
-        posterior = _Posterior(
-            model=model,
-            sites=[sites[cell] for cell in model.cells],
-            limits=limits,
-            scales=_scales_of(model, every_draw),
-            population_sd=population_sd[:, columns],
-            independent=independent_draws,
-            locations=locations[:, columns],
-            alike=not (scene.terms or scene.model.subjects_slope),
+@dataclasses.dataclass(frozen=True)
+class DrawLimits:
+    """Estimate and limits of draws, with the limits' Monte Carlo error."""
+
+    level: float
+    effective: int  # Independent draws that the draws are worth
+
+    def of(self, draws: Array) -> Bounded:
+        """Bound what is drawn, (S,), by its median and quantiles.
+
+        The share of draws below a quantile errs by √(tail (1 − tail)/effective). The quantiles at
+        one such error to either side say how far the limit errs.
+        """
+        tail = 0.5 * (1.0 - self.level)
+        error = math.sqrt(tail * (1.0 - tail) / self.effective)
+        tails = np.clip([tail, tail - error, tail + error], 0.0, 1.0)
+        lower = np.quantile(draws, tails)
+        upper = np.quantile(draws, 1.0 - tails)
+        errors = 0.5 * np.abs([lower[2] - lower[1], upper[2] - upper[1]])
+        return Bounded(
+            float(np.median(draws)), float(lower[0]), float(upper[0]), error=float(errors.max())
         )
-        yield from posterior.rows()
+
+    def of_laws(self, laws: Moments) -> list[Bounded]:
+        """Bound what is normal given each draw, (S, L), by roots of mixtures."""
+        tail = 0.5 * (1.0 - self.level)
+        lower, influence_on_lower = mixture_quantile(laws.mean, laws.sd, tail, upper=False)
+        upper, influence_on_upper = mixture_quantile(laws.mean, laws.sd, tail, upper=True)
+        pulls = np.maximum(influence_on_lower.std(axis=0), influence_on_upper.std(axis=0))
+        columns = [laws.mean.mean(axis=0), lower, upper, pulls / math.sqrt(self.effective)]
+        return [Bounded(*numbers) for numbers in np.stack(columns, axis=1).tolist()]
 
 
-def _sites(fit: Fit, data: Data) -> dict[tuple[str, str], Site]:
-    """Return where the rows of each parameter and environment belong."""
-    sites = {}
-    for cell, c in fit.column.items():
-        parameter, environment = cell
-        sites[cell] = Site(
+def posterior_psychophysics(fit: Fit) -> _Rows:
+    """Yield the Bayesian rows of a fit that passed."""
+    data = fit.data
+    limits = DrawLimits(data.asked.level, effective=len(fit.points))
+    places = []
+    of_means = limits.of_laws(fit.moments)
+    population_sd = fit.moments.population_sd
+    for (parameter, environment), c in fit.column.items():
+        place = Place(
             data=data,
+            method="bayesian",
             parameter=parameter,
             environment=environment,
-            method="bayesian",
             n=int(fit.counts[c]),
-            response_unit=float(fit.scale.unit[c]),
+            unit=float(fit.scale.unit[c]),
         )
-    return sites
+        places.append(place)
+        yield from place.rows("pse", mapped(of_means[c], fit.scale.at(c).native))
+        yield from place.rows("sd_subjects", limits.of(population_sd[:, c]))
+    locations, _ = fit.model.draw(fit.points, generator(data.asked.seed, Stream.PSYCHOPHYSICS))
+    every = fit.run.points.reshape(len(population_sd), -1)
+    first = 0
+    for (model, every_draw), (_, points) in zip(
+        fit.model.split(every), fit.model.split(fit.points), strict=True
+    ):
+        last = first + len(model.cells)
+        of_cells = places[first:last]
+        scales = _scales_of(model, every_draw)
+        yield from _rows(_of_cells(scales, population_sd[:, first:last]), of_cells, limits)
+        subjects = len(model.statistics.subjects)
+        over_all = [
+            dataclasses.replace(place, environment=None, n=subjects)
+            for place in of_cells[:: len(model.statistics.environments)]
+        ]
+        yield from _of_subjects(model, scales, over_all, limits)
+        yield from _slopes(model, points, over_all, limits)
+        drawn = _over_all(model, _scales_of(model, points), locations[:, first:last])
+        if data.scene.terms or data.scene.model.subjects_slope:
+            # Subjects also differ in effects of factors and slopes, which both ratios leave out.
+            drawn.pop("icc_c1", None)
+            drawn.pop("icc_a1", None)
+        yield from _rows(drawn, over_all, limits)
+        if len(model.statistics.parameters) == 2:
+            yield from _correlations(model, points, of_cells, limits)
+        first = last
 
 
-def _to_native(fit: Fit, c: int) -> Callable[[float], float]:
-    """Return the map of a cell's responses to the quantity's unit."""
-    origin = float(fit.scale.origin[c])
-    unit = float(fit.scale.unit[c])
-
-    def native(response: float) -> float:
-        size = response * unit
-        return origin * exp(size) if fit.scale.log else origin + size
-
-    return native
+def _rows(drawn: _Drawn, places: Sequence[Place], limits: DrawLimits) -> _Rows:
+    """Yield the rows of draws in each place."""
+    for measure, draws in drawn.items():
+        for place, column in zip(places, draws.T, strict=True):
+            yield from place.rows(measure, limits.of(column))
 
 
 def _scales_of(model: LinearModel, points: Array) -> dict[str, Array]:
-    """Draws of a model's scales, by name.
+    """Draws of a model's scales, by name: (S, P), (S, P, J) or (S, P, N).
 
     With one environment there is no sigma_u: only the sum sigma_u² + sigma² is told by the data,
     which is population_sd².
@@ -121,135 +152,91 @@ def _trial_variance(scales: Mapping[str, Array]) -> Array:
     return of_typical_user * np.exp(2.0 * scales["omega_s"] ** 2)[:, :, None]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Posterior:
-    """Draws of one model, and where its rows belong."""
+def _of_cells(scales: Mapping[str, Array], population_sd: Array) -> _Drawn:
+    """Draws of components of variance and reliability, in every cell.
 
-    model: LinearModel
-    sites: list[Site]  # P J, of the cells
-    limits: DrawLimits
-    #: S draws: sigma (S, P, J), sigma_u (S, P), of repeats sigma_e (S, P, J). If trial SDs are
-    #: subjects' own: phi (S, P, N), the log of theirs over sigma_e, and its SD omega_s (S, P).
-    scales: Mapping[str, Array]
-    population_sd: Array  # (S, P J)
-    independent: Array  # (R, d) Coordinates of the independent draws
-    locations: Array  # (R, P J) Drawn
-    alike: bool  # Whether a subject's effects are the same in all cells
+    ICC(1) is population_sd²/(population_sd² + the average variance between trials).
+    """
+    drawn: _Drawn = {}
+    shape = population_sd.shape
+    if "sigma_u" in scales:
+        drawn["sigma_w"] = scales["sigma"].reshape(shape)
+    if "sigma_e" in scales:
+        drawn["sigma_e"] = scales["sigma_e"].reshape(shape)
+        of_users = population_sd**2
+        drawn["icc_1"] = of_users / (of_users + _trial_variance(scales).reshape(shape))
+    return drawn
 
-    def rows(self) -> Iterator[PsychophysicsRow]:
-        """Yield all rows but those that every cell of a fit has."""
-        yield from self._cell_rows()
-        yield from self._subject_rows()
-        yield from self._slope_rows()
-        yield from self._overall_rows()
-        if len(self.model.statistics.parameters) == 2:
-            yield from self._correlation_rows()
 
-    @property
-    def _overall_sites(self) -> list[Site]:
-        """Where rows of every quantity over all environments belong."""
-        statistics = self.model.statistics
-        of_quantities = self.sites[:: len(statistics.environments)]
-        return [site.over_all(len(statistics.subjects)) for site in of_quantities]
+def _of_subjects(
+    model: LinearModel, scales: Mapping[str, Array], over_all: Sequence[Place], limits: DrawLimits
+) -> _Rows:
+    """Yield each subject's own trial SD: the geometric mean over the cells of its groups."""
+    if "sigma_e" not in scales or "phi" not in scales:
+        return
+    own = cells_of_subjects(model).T
+    mean_log_sd = np.log(scales["sigma_e"]) @ (own / own.sum(axis=0))
+    trial_sd = np.exp(mean_log_sd + scales["phi"])  # (S, P, N)
+    for p, place in enumerate(over_all):
+        for i, subject in enumerate(model.statistics.subjects):
+            of_subject = dataclasses.replace(place, n=1, subject=subject)
+            yield from of_subject.rows("sigma_e", limits.of(trial_sd[:, p, i]))
 
-    def _cell_rows(self) -> Iterator[PsychophysicsRow]:
-        """Yield components of variance and the reliability of each cell.
 
-        ICC(1) is population_sd²/(population_sd² + the average variance between trials).
-        """
-        if "sigma_u" in self.scales:
-            sigma = self.scales["sigma"].reshape(self.population_sd.shape)
-            for c, site in enumerate(self.sites):
-                yield site.sigma("sigma_w", self.limits.of(sigma[:, c]))
-        if "sigma_e" not in self.scales:
-            return
-        sigma_e = self.scales["sigma_e"].reshape(self.population_sd.shape)
-        of_users = self.population_sd**2
-        of_trials = _trial_variance(self.scales).reshape(self.population_sd.shape)
-        icc = of_users / (of_users + of_trials)
-        for c, site in enumerate(self.sites):
-            yield from site.of_trials(self.limits.of(sigma_e[:, c]))
-            yield site.row("icc_1", self.limits.of(icc[:, c]))
+def _slopes(
+    model: LinearModel, points: Array, over_all: Sequence[Place], limits: DrawLimits
+) -> _Rows:
+    """Yield how the bias grows with the reference, where there are several."""
+    several = np.ptp(model.statistics.x, axis=1) > 0.0
+    if not several.any():
+        return
+    # Trends of all levels of factors have the same slope: the first one's tells it.
+    _, slope_rows = next(iter(trend_rows(model).values()))
+    slopes = limits.of_laws(model.moments(points, slope_rows))
+    _, sd_of_subjects = model.scales(points).get("sigma_v:trend", ((), None))
+    for p in np.flatnonzero(several).tolist():
+        yield from over_all[p].rows("gamma", slopes[p])
+        if sd_of_subjects is not None:
+            yield from over_all[p].rows("sigma_slope", limits.of(sd_of_subjects[:, p]))
 
-    def _subject_rows(self) -> Iterator[PsychophysicsRow]:
-        """Yield each subject's own trial SD: the geometric mean over the cells of its groups."""
-        if "sigma_e" not in self.scales or "phi" not in self.scales:
-            return
-        own = cells_of_subjects(self.model).T
-        mean_log_sd = np.log(self.scales["sigma_e"]) @ (own / own.sum(axis=0))
-        trial_sd = np.exp(mean_log_sd + self.scales["phi"])  # (S, P, N)
-        for p, site in enumerate(self._overall_sites):
-            for i, subject in enumerate(self.model.statistics.subjects):
-                of_subject = site.of_subject(subject)
-                yield from of_subject.of_own_trials(self.limits.of(trial_sd[:, p, i]))
 
-    def _slope_rows(self) -> Iterator[PsychophysicsRow]:
-        """Yield how the bias grows with the reference, where there are several."""
-        several = np.ptp(self.model.statistics.x, axis=1) > 0.0
-        if not several.any():
-            return
-        # Trends of all levels of factors have the same slope: the first one's tells it.
-        _, slope_rows = next(iter(trend_rows(self.model).values()))
-        moments = self.model.moments(self.independent, slope_rows)
-        slopes = bounded_means(moments, self.limits.level, self.limits.effective)
-        scales = self.model.scales(self.independent)
-        _, sd_of_subjects = scales.get("sigma_v:trend", ((), None))
-        for p, site in enumerate(self._overall_sites):
-            if not several[p]:
-                continue
-            yield site.row("gamma", slopes[p])
-            if sd_of_subjects is not None:
-                yield site.row("sigma_slope", self.limits.of(sd_of_subjects[:, p]))
+def _over_all(model: LinearModel, scales: Mapping[str, Array], locations: Array) -> _Drawn:
+    """Draws of components of variance and reliability over all environments, (R, P).
 
-    def _overall_rows(self) -> Iterator[PsychophysicsRow]:
-        """Yield components of variance and reliability over all environments.
+    With r trials a cell, total = sigma_u² + mean sigma² + mean variance between trials/r.
+    ICC(C,1) is sigma_u²/total. In ICC(A,1) the total has the variance of the environments'
+    locations too.
+    """
+    if "sigma_u" not in scales:
+        return {}
+    # There are several environments, or there were no sigma_u: the variance over them exists.
+    of_environments = locations.reshape(scales["sigma"].shape).var(axis=2, ddof=1)
+    of_subjects = scales["sigma_u"] ** 2
+    within = np.square(scales["sigma"]).mean(axis=2)
+    of_trials = _trial_variance(scales).mean(axis=2)
+    total = of_subjects + within + of_trials / _mean_trials(model)
+    drawn: _Drawn = {"sigma_u": scales["sigma_u"], "sigma_w": np.sqrt(within)}
+    if "sigma_e" in scales:
+        drawn["sigma_e"] = np.sqrt(np.square(scales["sigma_e"]).mean(axis=2))
+    drawn["icc_c1"] = of_subjects / total
+    drawn["icc_a1"] = of_subjects / (total + of_environments)
+    return drawn
 
-        With r trials a cell, total = sigma_u² + mean sigma² + mean variance between trials/r.
-        ICC(C,1) is sigma_u²/total. In ICC(A,1) the total has the variance of the environments'
-        locations too.
-        """
-        scales = _scales_of(self.model, self.independent)
-        if "sigma_u" not in scales:
-            return
-        # There are several environments, or there were no sigma_u: the variance over them exists.
-        by_environment = self.locations.reshape(scales["sigma"].shape)
-        of_environments = by_environment.var(axis=2, ddof=1)
-        of_subjects = scales["sigma_u"] ** 2
-        within = np.square(scales["sigma"]).mean(axis=2)
-        of_trials = _trial_variance(scales).mean(axis=2)
-        total = of_subjects + within + of_trials / _mean_trials(self.model)
-        consistency = of_subjects / total
-        agreement = of_subjects / (total + of_environments)
-        for p, site in enumerate(self._overall_sites):
-            yield site.sigma("sigma_u", self.limits.of(scales["sigma_u"][:, p]))
-            yield site.sigma("sigma_w", self.limits.of(np.sqrt(within[:, p])))
-            if "sigma_e" in scales:
-                of_typical_user = np.square(scales["sigma_e"][:, p]).mean(axis=1)
-                yield site.sigma("sigma_e", self.limits.of(np.sqrt(of_typical_user)))
-            # With factors and slopes subjects also differ in effects that both ratios leave out.
-            if self.alike:
-                yield site.row("icc_c1", self.limits.of(consistency[:, p]))
-                yield site.row("icc_a1", self.limits.of(agreement[:, p]))
 
-    def _correlation_rows(self) -> Iterator[PsychophysicsRow]:
-        """Yield the correlation of both quantities between users, environment by environment."""
-        statistics = self.model.statistics
-        users = self.model.joint(self.independent, self.model.pair_rows).users
-        covariance = users[..., 0, 1]
-        variances = np.diagonal(users, axis1=2, axis2=3)
-        correlation = covariance / np.sqrt(variances.prod(axis=2))
-        of_first_quantity = self.sites[: len(statistics.environments)]
-        for site, draws in zip(of_first_quantity, correlation.T, strict=True):
-            row = site.row("correlation", self.limits.of(draws))
-            yield dataclasses.replace(row, parameter=", ".join(statistics.parameters))
+def _correlations(
+    model: LinearModel, points: Array, of_cells: Sequence[Place], limits: DrawLimits
+) -> _Rows:
+    """Yield the correlation of both quantities between users, environment by environment."""
+    users = model.joint(points, model.pair_rows).users
+    variances = np.diagonal(users, axis1=2, axis2=3)
+    correlation = users[..., 0, 1] / np.sqrt(variances.prod(axis=2))
+    both = ", ".join(model.statistics.parameters)
+    for place, draws in zip(of_cells, correlation.T, strict=False):
+        of_pair = dataclasses.replace(place, parameter=both)
+        yield from of_pair.rows("correlation", limits.of(draws))
 
 
 def _mean_trials(model: LinearModel) -> float:
     """Harmonic mean of the numbers of trials of all cells."""
-    cells = 0.0
-    sum_of_inverses = 0.0
-    for pattern in model.statistics.patterns:
-        cells += pattern.subjects * pattern.trials.size
-        inverses_of_subject = float((1.0 / pattern.trials).sum())
-        sum_of_inverses += pattern.subjects * inverses_of_subject
-    return cells / sum_of_inverses
+    numbers = [np.tile(one.trials, one.subjects) for one in model.statistics.patterns]
+    return 1.0 / float(np.mean(1.0 / np.concatenate(numbers)))
