@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -13,15 +13,12 @@ from percept import haptics
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.model.laws import Joint
-from percept.inference.model.limits import NewLimits, limits_of
 from percept.inference.model.predictions import new_environment, new_name
-from percept.inference.record import Kind
 from percept.results import Boundary, IntervalRow, Skipped
-from percept.scene import InferenceTable
-from percept.sessions.quantities import IMPEDANCE, Quantities, Quantity, is_impedance
+from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.study.basics import Array, Stream, generator
 from percept.study.boundaries import BoundaryDrawing
-from percept.study.fit import Fit, estimands_of, sampled
+from percept.study.fit import Fit, estimands_of
 from percept.study.intervals import bayesian_row
 from percept.study.regions import Law, LawKind, PosteriorPairs, posterior_law, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
@@ -103,167 +100,83 @@ def predict(
     RefusalError
         No passed Bayesian fit, a tested reference of zero, or one environment.
     """
-    asked = study.scene.inference
-    references = _references(study, stiffness=stiffness, damping=damping, at=at)
-    refuse_no_ratio(study.data.reference, study.sessions.quantities, why=_NO_LOGARITHM)
+    data = study.data
+    values, mass = _references(study, {"k": stiffness, "b": damping, **(at or {})})
+    refuse_no_ratio(data.reference, data.quantities, why=_NO_LOGARITHM)
     fit = _passed_fit(study)
-    place = _Place.of(study, fit, references.values)
-    expected, fit, limits = _expect(study, fit, place.decades)
-    scale = ResponseScale.of(references.values, asked.family)
+    tested = np.log10([[data.reference[p, e] for e in fit.environments] for p in data.parameters])
+    log = np.log10(values)
+    decades = log - tested.mean(axis=1)
+    above = np.maximum(log - tested.max(axis=1), 0.0)
+    below = np.minimum(log - tested.min(axis=1), 0.0)
+    distances = np.hypot.reduce(tested - log[:, None], axis=0)
+    nearest = fit.environments[distances.argmin()]
+    if study.sessions.factors is not None:
+        nearest, _ = study.sessions.factors.cells[nearest]
+    rng = generator(data.asked.seed, Stream.NEW_ENVIRONMENT)
+    expected = new_environment(fit.model, fit.points, decades, repeats=_REPEATS, rng=rng)
+    scale = ResponseScale.of(values, data.asked.family)
     rows: list[IntervalRow] = []
     errors: list[float] = []
-    for name, of_condition in expected.items():
-        rows += _rows(fit, of_condition, name, scale, limits[name])
-        for of_kind in limits[name].values():
-            errors += of_kind.errors.tolist()
+    for condition, users in expected.items():
+        for row, error in _rows(fit, users, new_name(condition), scale):
+            rows.append(row)
+            errors.append(error)
     boundaries: tuple[Boundary, ...] = ()
     skipped: tuple[Skipped, ...] = ()
-    if study.setup is not None and is_impedance(study.data.parameters):
+    if study.setup is not None and data.is_impedance:
         laws: list[Law] = []
-        if study.sessions.form != "summary":
-            for name, of_condition in expected.items():
-                laws += _laws(fit, of_condition, name, scale, asked)
-        environment = haptics.Environment(
-            stiffness=float(references.values[0]),
-            damping=float(references.values[1]),
-            mass=references.mass,
-        )
-        shown = dict.fromkeys(expected, environment)
-        setup = dataclasses.replace(study.setup, references=shown)
-        regions = regions_of(rows, laws, None, asked)
-        drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, asked.tolerance)
-        boundaries = drawing.at(None, list(expected), asked.kinds)
+        if data.sessions.form == "trials":
+            for condition, users in expected.items():
+                laws += _laws(fit, users, new_name(condition), scale)
+        names = [new_name(condition) for condition in expected]
+        k, b = values.tolist()
+        environment = haptics.Environment(stiffness=k, damping=b, mass=mass)
+        setup = dataclasses.replace(study.setup, references=dict.fromkeys(names, environment))
+        regions = regions_of(rows, laws, None, data.asked)
+        tolerance = data.asked.tolerance
+        drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, tolerance)
+        boundaries = drawing.at(None, names, data.asked.kinds)
         skipped = tuple(drawing.skipped)
     return Prediction(
         environment=new_name(""),
-        decades=dict(zip(study.data.parameters, place.decades.tolist(), strict=True)),
-        beyond=dict(zip(study.data.parameters, place.beyond.tolist(), strict=True)),
-        nearest=place.nearest,
-        distance=place.distance,
+        decades=dict(zip(data.parameters, decades.tolist(), strict=True)),
+        beyond=dict(zip(data.parameters, (above + below).tolist(), strict=True)),
+        nearest=nearest,
+        distance=float(distances.min()),
         intervals=pd.DataFrame(rows).assign(monte_carlo=errors),
         boundaries=boundaries,
         skipped=skipped,
-        quantities=study.sessions.quantities,
+        quantities=data.quantities,
     )
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _References:
-    """What the new environment renders."""
+def _references(study: Study, asked: Mapping[str, float | None]) -> tuple[Array, float]:
+    """Return the references (P,) and the mass, kg, of the new environment.
 
-    values: Array  # (P,) in the units of the study's quantities
-    mass: float  # kg
-
-
-def _references(
-    study: Study, *, stiffness: float | None, damping: float | None, at: Mapping[str, float] | None
-) -> _References:
-    """Collect the references given; UsageError for those missing, not positive, or not analysed."""
-    quantities = study.sessions.quantities
-    given = dict(at or {})
-    if stiffness is not None:
-        given.setdefault("k", stiffness)
-    if damping is not None:
-        given.setdefault("b", damping)
+    UsageError of those missing, not positive, or not analysed.
+    """
+    parameters = study.data.parameters
+    quantities = study.data.quantities
+    given = {name: value for name, value in asked.items() if value is not None}
     mass = 0.0
-    if is_impedance(study.data.parameters) and "m" not in quantities:
+    if study.data.is_impedance and "m" not in quantities:
         mass = _mass(study, given.pop("m", None))
     for name, value in given.items():
-        if name not in study.data.parameters:
+        if name not in parameters:
             known = {**IMPEDANCE, **quantities}.get(name)
-            label = known.label if known else name
-            message = f"the study does not analyse {label}."
+            message = f"the study does not analyse {known.label if known else name}."
             raise UsageError(message, key=name, value=value, hint="Leave it out.")
-    values = [_positive(quantities[name], given.get(name)) for name in study.data.parameters]
-    return _References(np.array(values), mass)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Place:
-    """Where the new environment lies among those tested, in decades."""
-
-    decades: Array  # (P,) over the geometric mean of those tested
-    beyond: Array  # (P,) above the tested range; negative below, zero inside
-    nearest: str
-    distance: float
-
-    @classmethod
-    def of(cls, study: Study, fit: Fit, values: Array) -> Self:
-        """Compare references (P,) with the references of the fit's environments."""
-        reference = study.data.reference
-        rows = []
-        for parameter in study.data.parameters:
-            rows.append([reference[parameter, environment] for environment in fit.environments])
-        tested = np.log10(rows)
-        log = np.log10(values)
-        above = np.maximum(log - tested.max(axis=1), 0.0)
-        below = np.minimum(log - tested.min(axis=1), 0.0)
-        distances = np.hypot.reduce(tested - log[:, None], axis=0)
-        nearest = distances.argmin()
-        decades = log - tested.mean(axis=1)
-        distance = float(distances[nearest])
-        name = fit.environments[nearest]
-        if study.sessions.factors is not None:
-            name, _ = study.sessions.factors.cells[name]
-        return cls(decades, above + below, name, distance)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _NewLimits:
-    """Limits of an interval on the response scale, per parameter."""
-
-    lower: Array  # (P,)
-    upper: Array  # (P,)
-    errors: Array  # (P,) Monte Carlo errors of the worse limit, in half-widths
-
-    @classmethod
-    def of(cls, lower: Array, upper: Array, errors: Array) -> Self:
-        """Take standard errors (2, P) of lower and upper limit."""
-        half_width = 0.5 * (upper - lower)
-        return cls(lower, upper, errors.max(axis=0) / half_width)
-
-
-def _expect(
-    study: Study, fit: Fit, decades: Array
-) -> tuple[dict[str, Joint], Fit, dict[str, dict[Kind, _NewLimits]]]:
-    """Work out the new environment's users and limits, with more draws where needed.
-
-    Both stand by the environment's name in each condition.
-    """
-    asked = study.scene.inference
-    expected = expected_users(fit, decades, asked)
-    limits: dict[str, dict[Kind, _NewLimits]] = {}
-    worst = 0.0
-    for name, laws in expected.items():
-        limits[name] = {}
-        for kind in asked.kinds:
-            of_kind = _limits(fit, laws, kind, asked)
-            limits[name][kind] = of_kind
-            worst = max(worst, float(of_kind.errors.max()))
-    if worst <= asked.tolerance:
-        return expected, fit, limits
-    claims = estimands_of(fit.model, asked)
-    target = NewLimits(claims, decades, _REPEATS, asked.seed, list(expected))
-    run = sampled(fit.model, asked, target, progress=study.progress, store=study.store)
-    if not run.gate.passed:
-        return expected, fit, limits
-    fit = dataclasses.replace(fit, run=run)
-    # The run's own limits and errors rest on all draws that it kept.
-    found = run.estimates
-    for name in expected:
-        places = [(parameter, name) for parameter in fit.parameters]
-        for kind in asked.kinds:
-            lower, upper = limits_of(found.names, found.value, kind, places)
-            errors = limits_of(found.names, run.errors, kind, places)
-            limits[name][kind] = _NewLimits.of(lower, upper, np.stack(errors))
-    return expected_users(fit, decades, asked), fit, limits
-
-
-def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> dict[str, Joint]:
-    """Work out what a fit expects of the users of a new environment, by its name in a condition."""
-    rng = generator(asked.seed, Stream.NEW_ENVIRONMENT)
-    laws = new_environment(fit.model, fit.points, x, repeats=_REPEATS, rng=rng)
-    return {new_name(condition): own for condition, own in laws.items()}
+    for name in parameters:
+        reference = given.get(name)
+        which = f"the {quantities[name].label} of the new environment"
+        positive = f"a positive number of {quantities[name].unit}".removesuffix(" of ")
+        if reference is None:
+            hint = f"The study analyses it: give {positive}."
+            raise UsageError(f"{which} is missing.", key=name, hint=hint)
+        if not (np.isfinite(reference) and reference > 0):
+            raise UsageError(f"{which} must be {positive}.", key=name, value=reference)
+    return np.array([float(given[name]) for name in parameters]), mass
 
 
 def _passed_fit(study: Study) -> Fit:
@@ -292,64 +205,46 @@ def _mass(study: Study, given: float | None) -> float:
     return mass
 
 
-def _positive(quantity: Quantity, value: float | None) -> float:
-    """Return a reference; UsageError unless it is there and positive."""
-    which = f"the {quantity.label} of the new environment"
-    positive = f"a positive number of {quantity.unit}".removesuffix(" of ")
-    if value is None:
-        hint = f"The study analyses it: give {positive}."
-        raise UsageError(f"{which} is missing.", key=quantity.name, hint=hint)
-    if not (np.isfinite(value) and value > 0):
-        raise UsageError(f"{which} must be {positive}.", key=quantity.name, value=value)
-    return float(value)
-
-
-def _limits(fit: Fit, expected: Joint, kind: Kind, asked: InferenceTable) -> _NewLimits:
-    """Work out the limits of a kind, with errors from means over batches of draws."""
-    lower, upper, influence = estimands_of(fit.model, asked).of(kind, expected.moments())
-    batch = fit.run.batches()
-    # A draw's repeats belong together.
-    repeats = influence.reshape(len(batch), -1, influence.shape[1])
-    of_draws = repeats.mean(axis=1)
-    means = []
-    for number in np.unique(batch):
-        means.append(of_draws[batch == number].mean(axis=0))
-    errors = np.std(means, axis=0, ddof=1) / np.sqrt(len(means))
-    return _NewLimits.of(lower, upper, errors.reshape(2, -1))
-
-
 def _rows(
-    fit: Fit,
-    expected: Joint,
-    name: str,
-    scale: ResponseScale,
-    limits: Mapping[Kind, _NewLimits],
-) -> Iterator[IntervalRow]:
-    """Yield a row for every kind and parameter."""
-    n = int(fit.counts.max())
-    centre = expected.mean[:, 0].mean(axis=0)
-    for kind, of_kind in limits.items():
+    fit: Fit, users: Joint, name: str, scale: ResponseScale
+) -> Iterator[tuple[IntervalRow, float]]:
+    """Yield the row of every kind and parameter, and its limits' error in half-widths."""
+    asked = fit.data.asked
+    limits = estimands_of(fit.model, asked)
+    moments = users.moments()
+    batch = fit.run.batches()
+    for kind in asked.kinds:
+        lower, upper, influence = limits.of(kind, moments)
+        # A draw's repeats belong together; means over batches of draws are independent.
+        of_draws = influence.reshape(len(batch), -1, influence.shape[1]).mean(axis=1)
+        means = [of_draws[batch == number].mean(axis=0) for number in np.unique(batch)]
+        errors = np.std(means, axis=0, ddof=1) / np.sqrt(len(means))
+        worst = errors.reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
         with np.errstate(over="ignore", under="ignore"):
-            values = scale.native(np.stack([of_kind.lower, of_kind.upper, centre]))
-        for index, parameter in enumerate(fit.parameters):
-            lower, upper, estimate = values[:, index].tolist()
-            ends = (lower, upper, estimate)
-            reference = float(scale.origin[index])
-            cell = (parameter, name)
-            yield bayesian_row(fit.data, kind, cell, ends, reference, n=n, repeats=fit.repeats)
+            ends = scale.native(np.stack([lower, upper, moments.mean.mean(axis=0)]))
+        for p, parameter in enumerate(fit.parameters):
+            row = bayesian_row(
+                fit.data,
+                kind,
+                (parameter, name),
+                (ends[0, p], ends[1, p], ends[2, p]),
+                float(scale.origin[p]),
+                n=int(fit.counts.max()),
+                repeats=fit.repeats,
+            )
+            yield row, float(worst[p])
 
 
-def _laws(
-    fit: Fit, expected: Joint, name: str, scale: ResponseScale, asked: InferenceTable
-) -> Iterator[Law]:
+def _laws(fit: Fit, users: Joint, name: str, scale: ResponseScale) -> Iterator[Law]:
     """Yield the laws of the average and the next user of the environment."""
+    asked = fit.data.asked
     n = int(fit.counts.max())
     batch = np.repeat(fit.run.batches(), _REPEATS)
-    centre = expected.mean[:, 0]
-    location = expected.location[:, 0]
+    centre = users.mean[:, 0]
+    location = users.location[:, 0]
     # The average does not depend on the spread, which takes the repeats.
     mean = PosteriorPairs(centre[::_REPEATS], location[::_REPEATS], batch[::_REPEATS], n)
-    user = PosteriorPairs(centre, location + expected.users[:, 0], batch, n)
+    user = PosteriorPairs(centre, location + users.users[:, 0], batch, n)
     drawn: Mapping[LawKind, PosteriorPairs] = {"mean": mean, "user": user}
     for kind, pairs in drawn.items():
         if kind in asked.kinds:

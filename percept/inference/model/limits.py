@@ -1,4 +1,4 @@
-"""Limits of what a fit reports: intervals of cells, contrasts and untested environments.
+"""Limits of what a fit reports: intervals of cells, and contrasts.
 
 Given draw s, a quantity's location is N(mean_s, sd_s²) and a user about it N(0, population_sd_s²).
 So each kind of interval has limits that are roots of a mean over S draws of a normal law:
@@ -11,7 +11,6 @@ So each kind of interval has limits that are roots of a mean over S draws of a n
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -20,11 +19,10 @@ from scipy import optimize, special
 
 from percept.inference.model.laws import Moments
 from percept.inference.model.model import Model
-from percept.inference.model.predictions import new_environment
 from percept.inference.sampling.endpoints import mixture_quantile, share_half_width
 from percept.inference.sampling.gate import Estimates
 
-__all__ = ["KINDS", "Combinations", "Limits", "NewLimits", "level_together", "limits_of"]
+__all__ = ["KINDS", "Combinations", "Limits", "level_together", "limits_of"]
 
 Array = NDArray[np.float64]
 #: What a limit is of: a quantity, and an environment or another place.
@@ -151,69 +149,6 @@ def limits_of(
     lower = [by_name[_limit_name("lower", kind, name)] for name in wanted]
     upper = [by_name[_limit_name("upper", kind, name)] for name in wanted]
     return np.array(lower), np.array(upper)
-
-
-class NewLimits(Limits):
-    """Limits of the intervals of an untested environment, in each of some conditions.
-
-    Parameters
-    ----------
-    limits : Limits
-        Kinds, level, share and confidence, and the model.
-    x : ndarray
-        Decades of the references above the geometric mean of those tested, shape (P,).
-    repeats, seed : int
-        Spreads drawn for each draw, and what draws them.
-    names : sequence of str
-        Of the environment in each condition.
-    """
-
-    def __init__(
-        self,
-        limits: Limits,
-        x: Array,
-        repeats: int,
-        seed: int,
-        names: Sequence[str],
-    ) -> None:
-        super().__init__(
-            limits.model,
-            kinds=limits.kinds,
-            level=limits.level,
-            share=limits.share,
-            confidence=limits.confidence,
-        )
-        self._x = x
-        self._repeats = repeats
-        self._seed = seed
-        self._rng = np.random.default_rng(seed)
-        parameters = dict.fromkeys(parameter for parameter, _ in limits.model.cells)
-        places = itertools.product(names, parameters)
-        self.groups = [(tuple((parameter, name) for name, parameter in places), limits.kinds)]
-
-    def identity(self) -> tuple[object, ...]:
-        """Return what beside the model decides the limits."""
-        decades = tuple(self._x.tolist())
-        return (*super().identity(), "new", decades, self._repeats, self._seed)
-
-    def components(self, points: Array) -> Array:
-        """Moments per draw, packed: shape (W, 3 L repeats), every spread side by side."""
-        new = new_environment(self.model, points, self._x, repeats=self._repeats, rng=self._rng)
-        moments = [law.moments() for law in new.values()]
-        of_all = Moments(
-            mean=np.hstack([own.mean for own in moments]),
-            sd=np.hstack([own.sd for own in moments]),
-            population_sd=np.hstack([own.population_sd for own in moments]),
-        )
-        return of_all.pack().reshape(len(points), -1)
-
-    def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
-        """Limits of each kind, and the influence of each draw over all its spreads."""
-        draws = len(components)
-        spreads = components.reshape(draws * self._repeats, -1)
-        for estimates, influence in super().estimates(spreads):
-            by_draw = influence.reshape(draws, self._repeats, -1)
-            yield estimates, by_draw.mean(axis=1)
 
 
 def level_together(

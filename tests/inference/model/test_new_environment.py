@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from percept.inference.model.limits import Limits, NewLimits
 from percept.inference.model.predictions import new_environment
 from tests.inference.model.designs import made
 
@@ -49,21 +48,3 @@ def test_spreads_of_stiffness_and_damping_leave_their_trends_independently() -> 
     assert len(off) > 2000
     # A correlation of independent pairs scatters by one over the root of their number.
     assert abs(np.corrcoef(off.T)[0, 1]) < 4.0 / np.sqrt(len(off))
-
-
-def test_estimands_average_the_pull_of_a_draw_over_its_spreads() -> None:
-    model, points = model_and_points(width=300)
-    asked = Limits(model, kinds=("mean", "user"), level=0.9)
-    new = NewLimits(asked, PLACE, 3, seed=0, names=["new"])
-    parts = list(new.estimates(new.components(points)))
-    laws = new_environment(model, points, PLACE, repeats=3, rng=np.random.default_rng(0))[""]
-    assert parts[0][0].names[0] == "lower mean limit of k in new"
-    for kind, (found, influence) in zip(("mean", "user"), parts, strict=True):
-        lower, upper, pull = asked.of(kind, laws.moments())
-        np.testing.assert_array_equal(found.value, np.concatenate([lower, upper]))
-        np.testing.assert_allclose(influence, pull.reshape(300, 3, 4).mean(axis=1))
-    assert (
-        new.identity()
-        != NewLimits(asked, 2.0 * PLACE, 3, seed=0, names=["new"]).identity()
-        != asked.identity()
-    )
