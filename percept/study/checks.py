@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -29,7 +28,7 @@ from percept.results import (
     SubjectCheck,
 )
 from percept.sessions.quantities import Quantities
-from percept.study.basics import Array, Stream, generator
+from percept.study.basics import Array, Stream, generator, known
 from percept.study.fit import Fit
 
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is
@@ -73,18 +72,10 @@ def intervals_without(
     trusted = loo.trusted[:, None]
     lower, estimate, upper = np.where(trusted, fit.scale.native(of_cells), np.nan)
     for (parameter, environment), c in fit.column.items():
-        yield IntervalWithout(
-            environment=environment,
-            parameter=parameter,
-            estimate=_known(estimate[:, c]),
-            lower=_known(lower[:, c]),
-            upper=_known(upper[:, c]),
-        )
-
-
-def _known(values: Array) -> tuple[float | None, ...]:
-    """Return numbers, None in place of NaN."""
-    return tuple(None if math.isnan(value) else value for value in values.tolist())
+        ends = {}
+        for name, values in {"lower": lower, "estimate": estimate, "upper": upper}.items():
+            ends[name] = tuple(known(value) for value in values[:, c].tolist())
+        yield IntervalWithout(environment=environment, parameter=parameter, **ends)
 
 
 def subject_tables(
@@ -123,10 +114,10 @@ def subject_tables(
         )
         cells.append(cell)
     # A sum with terms that nobody can trust is not known either.
-    known = bool(loo.trusted.all())
+    is_known = bool(loo.trusted.all())
     return LeftOut(
-        elpd=loo.elpd if known else None,
-        se=loo.se if known else None,
+        elpd=loo.elpd if is_known else None,
+        se=loo.se if is_known else None,
         good_k=loo.good_k,
         subjects=tuple(own),
         cells=tuple(cells),
@@ -163,19 +154,16 @@ def _statistics(
     """Compare each cell's mean, SD and farthest subject with new studies from the posterior."""
     stride = max(1, len(points) // _REPLICATES)
     rng = generator(seed, Stream.CHECKED_STATISTICS)
-    parts = []
-    for studies in new_studies(subjects, points[::stride], rng):
-        parts.append(statistics_of(studies))
-    drawn = np.concatenate(parts)
+    studies = new_studies(subjects, points[::stride], rng)
+    drawn = np.concatenate([statistics_of(cell_means) for cell_means in studies])
     statistics = subjects.density.statistics
     observed = statistics_of(statistics.cell_means)
     ends = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
     lower, upper = np.quantile(drawn, ends, axis=0)
     above = (drawn > observed).mean(axis=0)
     unusual = ~((lower <= observed) & (observed <= upper))
-    known = np.isfinite(observed).transpose(2, 1, 0)
     checks = []
-    for j, p, s in np.argwhere(known).tolist():
+    for j, p, s in np.argwhere(np.isfinite(observed).transpose(2, 1, 0)).tolist():
         index = (s, p, j)
         check = PredictiveCheck(
             environment=statistics.environments[j],

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 #: Draws kept of each chain, at most. Four chains of as many suffice for plots and summaries, and
 #: make a file of few megabytes.
 _MOST_DRAWS = 1000
-#: Draws kept of each chain, at least, however large the study: plots of fewer are rough.
+#: Draws that each chain may keep, however large the study: plots of fewer are rough.
 _FEWEST_DRAWS = 100
 #: Numbers of the largest variable, 8 MB as doubles: large studies keep fewer draws for it.
 _MOST_NUMBERS = 1 << 20
@@ -83,29 +83,32 @@ def posterior_tree(fit: Fit, *, seed: int) -> DataTree:
     from xarray import DataTree
 
     datasets = {}
+    coordinates = _labels(fit)
     for group, named in _groups(fit, seed).items():
         values: dict[Hashable, Array] = {}
         dimensions: dict[Hashable, Sequence[Hashable]] = {}
         for name, (own_dimensions, draws) in named.items():
             key = _without_slashes(name)
-            values[key] = _by_chain(fit, group, draws)
+            # The data are one draw of themselves.
+            chains = 1 if group == "prior" else len(fit.run.points)
+            shape = (chains, -1, *draws.shape[1:])
+            values[key] = draws[0] if group == "observed_data" else draws.reshape(shape)
             dimensions[key] = [_without_slashes(dimension) for dimension in own_dimensions]
+        sampled = [] if group == "observed_data" else ["chain", "draw"]
         dataset = arviz_base.dict_to_dataset(
-            values,
-            dims=dimensions,
-            coords=_labels(fit),
-            sample_dims=[] if group == "observed_data" else ["chain", "draw"],
+            values, dims=dimensions, coords=coordinates, sample_dims=sampled
         )
         # In place of ArviZ's: without the time, equal posteriors are equal files.
         dataset.attrs = _about(fit)
         for name in named:
             dataset[_without_slashes(name)].attrs = _attributes(name)
-        further = {
-            name: (dimension, labels)
-            for name, (dimension, labels) in _further_labels(fit).items()
-            if dimension in dataset.sizes
-        }
-        datasets[group] = dataset.assign_coords(further)
+        datasets[group] = dataset.assign_coords(
+            {
+                name: (dimension, labels)
+                for name, (dimension, labels) in _further_labels(fit).items()
+                if dimension in dataset.sizes
+            }
+        )
     return DataTree.from_dict(datasets)
 
 
@@ -130,8 +133,8 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
     effects = draw_subject_effects(density, points, means, rng)
     if effects is not None:
         posterior["subject_effect"] = _named(effects, "subject", "parameter")
-    left_out = _left_out(subjects, points)
-    groups["log_likelihood"] = {"left_out": _named(left_out, "subject")}
+    left_out = [subjects.left_out(laws).log_density for _, laws in subjects.batches(points)]
+    groups["log_likelihood"] = {"left_out": _named(np.concatenate(left_out), "subject")}
     studies = list(new_studies(subjects, points, rng))
     predicted["response"] = _observations(subjects, np.concatenate(studies))
     # Data are one draw of themselves.
@@ -153,14 +156,6 @@ def _without_slashes(name: str) -> str:
     return name.replace("/", _SLASH)
 
 
-def _by_chain(fit: Fit, group: str, values: Array) -> Array:
-    """Split draws into chains; the data are one draw of themselves."""
-    if group == "observed_data":
-        return values[0]
-    chains = 1 if group == "prior" else len(fit.run.points)
-    return values.reshape(chains, -1, *values.shape[1:])
-
-
 def _attributes(name: str) -> dict[str, str]:
     """Say what a variable is, and its unit."""
     # Scales of a factor's term go by the term's name, such as "psi:hand".
@@ -174,33 +169,15 @@ def _attributes(name: str) -> dict[str, str]:
 
 
 def _thinned(fit: Fit) -> Array:
-    """Keep every k-th independent draw of each chain, (S, d)."""
+    """Keep every k-th independent draw of each chain, (S, d): the largest variable is small."""
     chains = len(fit.run.points)
     by_chain = fit.points.reshape(chains, -1, fit.points.shape[1])
-    gap = _gap(by_chain.shape[1], _draws_per_chain(fit))
-    thinned = by_chain[:, ::gap]
-    return thinned.reshape(-1, thinned.shape[2])
-
-
-def _draws_per_chain(fit: Fit) -> int:
-    """How many draws to keep of each chain, so that the largest variable is small enough."""
-    chains = len(fit.run.points)
-    numbers_per_draw = len(fit.model.cells)
     # The largest variable has a number for every subject and cell: responses of new studies.
-    if fit.trials is not None:
-        numbers_per_draw *= len(fit.trials.subjects)
-    affordable = _MOST_NUMBERS // (numbers_per_draw * chains)
-    return min(max(affordable, _FEWEST_DRAWS), _MOST_DRAWS)
-
-
-def _gap(draws: int, most_kept: int) -> int:
-    """Return k, so that every k-th of a chain's draws is kept, and at most so many.
-
-    With k rounded up, little more than half of them may stay. If that falls below the fewest, k is
-    smaller, and the kept draws may then be more than `most_kept`.
-    """
-    widest = max(1, draws // _FEWEST_DRAWS)
-    return min(math.ceil(draws / most_kept), widest)
+    numbers = len(fit.model.cells) * (len(fit.trials.subjects) if fit.trials else 1)
+    affordable = _MOST_NUMBERS // (numbers * chains)
+    most = min(max(affordable, _FEWEST_DRAWS), _MOST_DRAWS)
+    gap = math.ceil(by_chain.shape[1] / most)
+    return by_chain[:, ::gap].reshape(-1, by_chain.shape[2])
 
 
 def _in_cells(fit: Fit, responses: Array) -> tuple[tuple[str, ...], Array]:
@@ -214,15 +191,6 @@ def _in_cells(fit: Fit, responses: Array) -> tuple[tuple[str, ...], Array]:
         column = fit.environments.index(environment)
         values[:, row, column] = native[:, c]
     return ("parameter", "environment"), values
-
-
-def _left_out(subjects: SubjectDensity, points: Array) -> Array:
-    """Log densities of the subjects' data, each given the others' data, (S, N)."""
-    log_densities = []
-    for _, scales in subjects.batches(points):
-        left_out = subjects.left_out(scales)
-        log_densities.append(left_out.log_density)
-    return np.concatenate(log_densities)
 
 
 def _present(subjects: SubjectDensity) -> NDArray[np.bool_]:
