@@ -89,7 +89,9 @@ def _classical(data: Data, cell: Cell) -> EquivalenceRow | Skipped:
 
 
 def _posterior(
-    fit: Fit, where: tuple[str, str], trial_sd: Array | None
+    fit: Fit,
+    where: tuple[str, str],
+    trial_sd: Array | None,
 ) -> EquivalenceRow | Skipped:
     """Judge a cell of a fit that passed; `trial_sd` has its draws of the SD between trials."""
     data = fit.data

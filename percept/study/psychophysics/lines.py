@@ -65,7 +65,10 @@ def _why_not(references: list[float]) -> str:
 
 
 def _line(
-    fit: Fit, laws: Moments, at: Array, where: tuple[str, str, int]
+    fit: Fit,
+    laws: Moments,
+    at: Array,
+    where: tuple[str, str, int],
 ) -> Iterator[PseLineRow | Skipped]:
     """Yield a row for each reference, from the laws of responses there.
 

@@ -60,7 +60,10 @@ class DrawLimits:
         upper = np.quantile(draws, 1.0 - tails)
         errors = 0.5 * np.abs([lower[2] - lower[1], upper[2] - upper[1]])
         return Bounded(
-            float(np.median(draws)), float(lower[0]), float(upper[0]), error=float(errors.max())
+            estimate=float(np.median(draws)),
+            lower=float(lower[0]),
+            upper=float(upper[0]),
+            error=float(errors.max()),
         )
 
     def of_laws(self, laws: Moments) -> list[Bounded]:
@@ -69,8 +72,11 @@ class DrawLimits:
         lower, influence_on_lower = mixture_quantile(laws.mean, laws.sd, tail, upper=False)
         upper, influence_on_upper = mixture_quantile(laws.mean, laws.sd, tail, upper=True)
         pulls = np.maximum(influence_on_lower.std(axis=0), influence_on_upper.std(axis=0))
-        columns = [laws.mean.mean(axis=0), lower, upper, pulls / math.sqrt(self.effective)]
-        return [Bounded(*numbers) for numbers in np.stack(columns, axis=1).tolist()]
+        estimate = laws.mean.mean(axis=0)
+        error = pulls / math.sqrt(self.effective)
+        columns = [estimate, lower, upper, error]
+        by_law = np.stack(columns, axis=1).tolist()
+        return [Bounded(*numbers) for numbers in by_law]
 
 
 def posterior_psychophysics(fit: Fit) -> _Rows:
@@ -94,14 +100,15 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
         yield from place.rows("sd_subjects", limits.of(population_sd[:, c]))
     locations, _ = fit.model.draw(fit.points, generator(data.asked.seed, Stream.PSYCHOPHYSICS))
     every = fit.run.points.reshape(len(population_sd), -1)
+    of_every = fit.model.split(every)
+    of_points = fit.model.split(fit.points)
     first = 0
-    for (model, every_draw), (_, points) in zip(
-        fit.model.split(every), fit.model.split(fit.points), strict=True
-    ):
+    for (model, every_draw), (_, points) in zip(of_every, of_points, strict=True):
         last = first + len(model.cells)
         of_cells = places[first:last]
         scales = _scales_of(model, every_draw)
-        yield from _rows(_of_cells(scales, population_sd[:, first:last]), of_cells, limits)
+        drawn = _of_cells(scales, population_sd[:, first:last])
+        yield from _rows(drawn, of_cells, limits)
         subjects = len(model.statistics.subjects)
         over_all = [
             dataclasses.replace(place, environment=None, n=subjects)
@@ -120,7 +127,11 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
         first = last
 
 
-def _rows(drawn: _Drawn, places: Sequence[Place], limits: DrawLimits) -> _Rows:
+def _rows(
+    drawn: _Drawn,
+    places: Sequence[Place],
+    limits: DrawLimits,
+) -> _Rows:
     """Yield the rows of draws in each place."""
     for measure, draws in drawn.items():
         for place, column in zip(places, draws.T, strict=True):
@@ -164,12 +175,16 @@ def _of_cells(scales: Mapping[str, Array], population_sd: Array) -> _Drawn:
     if "sigma_e" in scales:
         drawn["sigma_e"] = scales["sigma_e"].reshape(shape)
         of_users = population_sd**2
-        drawn["icc_1"] = of_users / (of_users + _trial_variance(scales).reshape(shape))
+        of_trials = _trial_variance(scales).reshape(shape)
+        drawn["icc_1"] = of_users / (of_users + of_trials)
     return drawn
 
 
 def _of_subjects(
-    model: LinearModel, scales: Mapping[str, Array], over_all: Sequence[Place], limits: DrawLimits
+    model: LinearModel,
+    scales: Mapping[str, Array],
+    over_all: Sequence[Place],
+    limits: DrawLimits,
 ) -> _Rows:
     """Yield each subject's own trial SD: the geometric mean over the cells of its groups."""
     if "sigma_e" not in scales or "phi" not in scales:
@@ -184,7 +199,10 @@ def _of_subjects(
 
 
 def _slopes(
-    model: LinearModel, points: Array, over_all: Sequence[Place], limits: DrawLimits
+    model: LinearModel,
+    points: Array,
+    over_all: Sequence[Place],
+    limits: DrawLimits,
 ) -> _Rows:
     """Yield how the bias grows with the reference, where there are several."""
     several = np.ptp(model.statistics.x, axis=1) > 0.0
@@ -200,7 +218,11 @@ def _slopes(
             yield from over_all[p].rows("sigma_slope", limits.of(sd_of_subjects[:, p]))
 
 
-def _over_all(model: LinearModel, scales: Mapping[str, Array], locations: Array) -> _Drawn:
+def _over_all(
+    model: LinearModel,
+    scales: Mapping[str, Array],
+    locations: Array,
+) -> _Drawn:
     """Draws of components of variance and reliability over all environments, (R, P).
 
     With r trials a cell, total = sigma_u² + mean sigma² + mean variance between trials/r.
@@ -224,7 +246,10 @@ def _over_all(model: LinearModel, scales: Mapping[str, Array], locations: Array)
 
 
 def _correlations(
-    model: LinearModel, points: Array, of_cells: Sequence[Place], limits: DrawLimits
+    model: LinearModel,
+    points: Array,
+    of_cells: Sequence[Place],
+    limits: DrawLimits,
 ) -> _Rows:
     """Yield the correlation of both quantities between users, environment by environment."""
     users = model.joint(points, model.pair_rows).users

@@ -37,7 +37,11 @@ class Place:
         return self.data.quantities[self.parameter]
 
     def rows(
-        self, measure: Measure, bounded: Bounded, *, approximate: bool = False
+        self,
+        measure: Measure,
+        bounded: Bounded,
+        *,
+        approximate: bool = False,
     ) -> Iterator[PsychophysicsRow]:
         """Yield what an estimate says: of SDs in the quantity's unit, of those of trials also JNDs.
 
@@ -93,7 +97,12 @@ class Place:
         return self.data.sessions.form == "trials" and self.data.by_difference(self.parameter)
 
     def _row(
-        self, measure: Measure, bounded: Bounded, unit: str = "", *, approximate: bool = False
+        self,
+        measure: Measure,
+        bounded: Bounded,
+        unit: str = "",
+        *,
+        approximate: bool = False,
     ) -> PsychophysicsRow:
         """Make a row of a measure."""
         return PsychophysicsRow(
