@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from percept import haptics
-from percept.boundary.shares import Users
 from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
@@ -21,7 +19,6 @@ from percept.haptics import (
 )
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
-from percept.haptics.loop import log_grid
 from percept.haptics.perceived import Boxes, Display
 from percept.haptics.records import AnyDevice
 from percept.haptics.shown import departure, plane_departure
@@ -44,13 +41,6 @@ _NO_DEVICE = "the scene has no [device]"
 _RESPONSE = ("omega", "real", "imaginary")
 # Rows of a measured device that a grid starts from, at most twice as many.
 _MOST_ROWS = 128
-#: Frequencies of a map: per decade, and about each resonance, where margins dip.
-_PER_DECADE = 8
-_ABOUT_RESONANCE = 25
-#: Of the draws' ranges of stiffness, those that resonances are looked for in.
-_COMMON = (0.05, 0.95)
-#: Resonances are looked for down to this fraction of the reference's stiffness.
-_SOFTEST_RESONANCE = 0.01
 # Frequencies that Eq. 10 is drawn at: enough for a line without corners.
 _STABILITY_POINTS = 400
 # The criterion is drawn from here on, rad/s, or from this fraction of Nyquist if that is less.
@@ -109,40 +99,6 @@ class Setup:
         pairs.append((joint_stiffness, device.mass + reference.mass))
         rates = [np.sqrt(np.divide(k, m)) for k, m in pairs if np.all(m)]
         return np.stack(np.broadcast_arrays(*rates), axis=-1) if rates else np.array([])
-
-
-class StiffnessSpan(NamedTuple):
-    """Stiffnesses that users of one environment take for it under most draws, N/m."""
-
-    low: float
-    high: float
-
-
-def stiffness_span(setup: Setup, environment: str, users: Users, central: float) -> StiffnessSpan:
-    """Return the span of the draws' central ranges of stiffness; above zero."""
-    ranges = users.central_ranges(central).stiffness
-    reference = float(setup.references[environment].stiffness)
-    low = float(np.quantile(ranges.low, _COMMON[0]))
-    high = float(np.quantile(ranges.high, _COMMON[1]))
-    least = max(low, _SOFTEST_RESONANCE * reference)
-    return StiffnessSpan(least, max(high, least))
-
-
-def map_frequencies(
-    setup: Setup, environment: str, span: StiffnessSpan, within: tuple[float, float]
-) -> Array:
-    """Return the frequencies, rad/s, of a map: even ones, and those at which a span resonates.
-
-    Dips between them are not searched, so they are denser about resonances than `frequencies`.
-    """
-    resonances = setup.resonances(environment)
-    if not isinstance(setup.loop.device, TabulatedDevice):
-        # A table's rows are all there is to see; a mass resonates by the root of the stiffness.
-        stiffness = float(setup.references[environment].stiffness)
-        lowest, highest = np.sqrt(np.array(span) / stiffness).tolist()
-        about = np.geomspace(lowest, highest, _ABOUT_RESONANCE)
-        resonances = np.multiply.outer(resonances, about).ravel()
-    return log_grid(within, _PER_DECADE, resonances)
 
 
 def referenced(data: Data) -> Iterator[str | Skipped]:

@@ -35,11 +35,10 @@ from percept.study.boundaries import (
     increasing,
     zoom_windows,
 )
-from percept.study.coupling_map import coupling_map, no_coupling_map
 from percept.study.data import Data
 from percept.study.device import Setup, device_of, referenced, setup_of, study_coupling
 from percept.study.inferred import Inferred
-from percept.study.other_devices import no_other_devices, other_devices
+from percept.study.maps import coupling_map, no_coupling_map, no_other_devices, other_devices
 from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
 from percept.study.rendering import study_rendering, study_zwidth
 from percept.study.verdicts import (

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.optimize import elementwise
 
-from percept.boundary.feels_real import share_error
 from percept.haptics import Coupling, Device, Environment
+from percept.haptics.arrays import LARGEST
 from percept.haptics.rendering import needed_damping, rendering_margins
 from percept.study.basics import Array
 from percept.study.device import Setup
@@ -16,111 +16,74 @@ from percept.study.device import Setup
 #: A coupling that needs as many times what the environments need directly shows itself by a tenth
 #: at most: it counts as rigid.
 _RIGID = 10.0
-#: Halvings of a line: its limit is known to a part in 10⁸ of its range.
-_HALVINGS = 27
 
 
-@dataclasses.dataclass(frozen=True)
-class Chance:
-    """That one coupling is stable."""
-
-    probability: float
-    error: float  # Its standard error, as of independent devices
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
 class StableCouplings:
-    """Couplings through which the device renders some environments with every passive hand."""
+    """Couplings through which the device renders some environments with every passive hand.
 
-    setup: Setup
-    environments: tuple[str, ...]
-    rigid: float  # N·s/m, the coupling's k_cT/2 + b_c from which on it counts as rigid
+    Of a posterior's devices with modes the damping alone counts: that is on the safe side.
+    """
 
-    @classmethod
-    def of(cls, setup: Setup, environments: Sequence[str]) -> StableCouplings:
-        """Prepare environments; the largest of the study sets where couplings count as rigid."""
-        largest = max(_at_nyquist(setup, shown) for shown in setup.references.values())
-        used = 0.0
-        if setup.coupling is not None:
-            used = _at_nyquist(setup, setup.coupling)
-        return cls(setup, tuple(environments), max(_RIGID * largest, 2.0 * used))
+    def __init__(self, setup: Setup, environments: Sequence[str]) -> None:
+        self.loop = setup.loop
+        #: Number of devices from a posterior; None without one.
+        self.devices = None if setup.draws is None else setup.draws.count
+        self._environments = [setup.references[name] for name in environments]
+        # What each device gives: its damping, N·s/m, or all that it dissipates.
+        device = self.loop.device
+        self._given = np.ones(1)
+        if setup.draws is not None:
+            self._given = np.sort(np.asarray(setup.draws.stacked.damping))
+        elif isinstance(device, Device) and not device.modes:
+            self._given = np.atleast_1d(device.damping)
+        self._by_damping = isinstance(device, Device) and (
+            setup.draws is not None or not device.modes
+        )
+        largest = max(self.at_nyquist(shown) for shown in setup.references.values())
+        used = 0.0 if setup.coupling is None else self.at_nyquist(setup.coupling)
+        #: N·s/m, what a coupling asks for at Nyquist from which on it counts as rigid.
+        self.rigid = max(_RIGID * largest, 2.0 * used)
 
-    @property
-    def devices(self) -> int | None:
-        """Number of devices from a posterior; None without one."""
-        return None if self.setup.draws is None else self.setup.draws.count
+    def at_nyquist(self, shown: Environment | Coupling) -> float:
+        """Return what a spring and a damper ask for at Nyquist, N·s/m."""
+        return float(0.5 * shown.stiffness * self.loop.period + shown.damping)
 
     def probability(self, stiffness: Array, damping: Array) -> Array:
-        """Return the probability that couplings (C,) are stable, (C,): 0 or 1 for one device.
+        """Return the probability that couplings (C,) are stable, (C,): 0 or 1 for one device."""
+        asked = self._asked(stiffness, damping)
+        return 1.0 - np.searchsorted(self._given, asked, side="right") / self._given.size
 
-        Of a posterior's devices with modes the damping alone counts: that is on the safe side.
-        """
+    def _asked(self, stiffness: Array, damping: Array) -> Array:
+        """Return what couplings ask of a device, in terms of what each gives."""
         couplings = Coupling(stiffness, damping)
-        likely = np.ones(stiffness.shape)
-        device = self.setup.loop.device
-        if self.setup.draws is None and (not isinstance(device, Device) or device.modes):
-            for margins in self._of_each(couplings, self._margins):
-                likely = np.minimum(likely, margins > 1.0)
-            return likely
-        dampings = np.atleast_1d(np.asarray(getattr(device, "damping", 0.0)))
-        if self.setup.draws is not None:
-            dampings = np.sort(np.asarray(self.setup.draws.stacked.damping))
-        for needed in self._of_each(couplings, self._needed):
-            below = np.searchsorted(dampings, needed, side="right")
-            likely = np.minimum(likely, 1.0 - below / dampings.size)
-        return likely
-
-    def chance(self, coupling: Coupling) -> Chance:
-        """Return the probability that one coupling is stable."""
-        some = np.atleast_1d(coupling.stiffness), np.atleast_1d(coupling.damping)
-        probability = float(self.probability(*some)[0])
-        # One device is exact.
-        error = share_error(probability, self.devices) if self.devices else 0.0
-        return Chance(probability, error)
+        asked = np.zeros(stiffness.shape)
+        for shown in self._environments:
+            if self._by_damping:
+                own = needed_damping(self.loop, shown, coupling=couplings).damping
+            else:
+                own = 1.0 / rendering_margins(self.loop, shown, coupling=couplings)
+            asked = np.maximum(asked, own)
+        # A search for a root needs numbers.
+        return np.minimum(asked, LARGEST)
 
     def largest_damping(self) -> float:
         """Return the largest b_c that is stable without a spring, N·s/m; 0 without any."""
         top = np.array([self.rigid])
-        return float(_limit(lambda part: self.probability(0.0 * top, part * top))[0] * top[0])
+        return float(self._limit(lambda damping: self._asked(0.0 * damping, damping), top)[0])
 
     def limit(self, damping: Array) -> Array:
-        """Return the largest stiffness beside each damping that may be stable, N/m.
+        """Return the largest stiffness beside each damping (B,) that may be stable, N/m, (B,).
 
         It ends where couplings count as rigid.
         """
-        top = np.maximum(self.rigid - damping, 0.0) * (2.0 / self.setup.loop.period)
-        return top * _limit(lambda part: self.probability(part * top, damping))
+        top = np.maximum(self.rigid - damping, 0.0) * (2.0 / self.loop.period)
+        return self._limit(self._asked, top, damping)
 
-    def _of_each(self, couplings: Coupling, judge: Callable[[str, Coupling], Array]) -> list[Array]:
-        return [judge(environment, couplings) for environment in self.environments]
-
-    def _needed(self, environment: str, couplings: Coupling) -> Array:
-        """Return the damping that a rigid device needs, N·s/m."""
-        shown = self.setup.references[environment]
-        return np.asarray(needed_damping(self.setup.loop, shown, coupling=couplings).damping)
-
-    def _margins(self, environment: str, couplings: Coupling) -> Array:
-        shown = self.setup.references[environment]
-        return rendering_margins(self.setup.loop, shown, coupling=couplings)
-
-
-def _at_nyquist(setup: Setup, shown: Environment | Coupling) -> float:
-    """Return what a spring and a damper ask for at Nyquist, N·s/m."""
-    return float(0.5 * shown.stiffness * setup.loop.period + shown.damping)
-
-
-def _limit(probability: Callable[[Array], Array]) -> Array:
-    """Return the largest part of each line, 0 to 1, that may be stable, by halving.
-
-    1 where all of it is, 0 where not even its beginning.
-    """
-    none = np.zeros_like(probability(np.array(1.0)))
-    inside = none
-    outside = none + 1.0
-    whole = probability(outside) > 0.0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (inside + outside)
-        some = probability(middle) > 0.0
-        inside = np.where(some, middle, inside)
-        outside = np.where(some, outside, middle)
-    return np.where(whole, 1.0, inside)
+    def _limit(self, asked: Callable[..., Array], top: Array, *beside: Array) -> Array:
+        """Return up to where each line, from zero to its top, asks for less than a device gives."""
+        most = self._given[-1]
+        found = elementwise.find_root(
+            lambda value, *beside: asked(value, *beside) - most, (0.0 * top, top), args=beside
+        )
+        limit = np.where(found.success, found.x, 0.0)
+        return np.where(asked(top, *beside) < most, top, limit)

@@ -9,9 +9,9 @@ import pytest
 
 from percept import Scene, Study, haptics
 from percept.haptics import Coupling
-from percept.study.coupling_map import coupling_map
 from percept.study.device import Setup
 from percept.study.device_draws import device_draws
+from percept.study.maps import coupling_map
 from percept.study.stable_couplings import StableCouplings
 from percept.study.verdicts import MapUsers
 
@@ -34,7 +34,7 @@ def setup_of(study: Study, modes=(), damping=5.0) -> Setup:
 def test_probabilities_are_shares_of_devices_that_render(fitted: Study, modes) -> None:
     """Of devices with modes the damping alone counts, which is on the safe side."""
     setup = setup_of(fitted, modes)
-    stable = StableCouplings.of(setup, ["VE3", "VE4"])
+    stable = StableCouplings(setup, ["VE3", "VE4"])
     damping = np.array([1.0, 3.0, 5.0])
     stiffness = 0.9 * stable.limit(damping)
     found = stable.probability(stiffness, damping)
@@ -48,24 +48,15 @@ def test_probabilities_are_shares_of_devices_that_render(fitted: Study, modes) -
         assert found[index] == np.mean(dampings > max(needed))
 
 
-def test_devices_that_agree_leave_an_error_of_one_device(fitted: Study) -> None:
-    stable = StableCouplings.of(setup_of(fitted), ["VE3"])
-    chance = stable.chance(Coupling(1.0, 1.0))
-    assert chance.probability == 1.0
-    assert chance.error == 1.0 / stable.devices
-
-
 @pytest.mark.parametrize("modes", [[], [MODE]])
 def test_one_device_is_certain(fitted: Study, modes) -> None:
     setup = dataclasses.replace(setup_of(fitted, modes), draws=None)
-    stable = StableCouplings.of(setup, ["VE4"])
+    stable = StableCouplings(setup, ["VE4"])
     assert stable.devices is None
     damping = np.array([2.0])
     limit = stable.limit(damping)
     assert stable.probability(0.999 * limit, damping) == 1.0
     assert stable.probability(1.001 * limit, damping) == 0.0
-    chance = stable.chance(Coupling(1.001 * limit[0], 2.0))
-    assert (chance.probability, chance.error) == (0.0, 0.0)
 
 
 def test_an_admissible_coupling_is_stable_and_real_with_the_decision(fitted: Study) -> None:
@@ -86,7 +77,7 @@ def test_an_admissible_coupling_is_stable_and_real_with_the_decision(fitted: Stu
     assert stiffest is not None
     assert point.stiffest is not None
     assert stiffest.probability >= 0.6
-    stable = StableCouplings.of(setup, list(users))
+    stable = StableCouplings(setup, list(users))
     chance = stable.probability(np.array([stiffest.stiffness]), np.array([stiffest.damping]))
     assert stiffest.probability <= chance[0]
     # Half of the devices do not stand the stiffest coupling that the point does.

@@ -1,0 +1,386 @@
+"""How probably other couplings feel real and are stable in time, and what other devices change.
+
+The map of couplings is over stiffness and damping, for each environment up to the edge of what is
+stable with it. Where the device has a posterior, the edge is that of its most stable draw. The ends
+of a map are the stiffest and the softest coupling that feel real with the scene's `decision`. They
+are found on its lines of damping and confirmed by `percept.boundary.feels_real`, which also
+searches between frequencies.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from percept.boundary.couplings import CouplingJudge
+from percept.boundary.feels_real import (
+    Evidence,
+    feels_real,
+    judge,
+    rough_probability,
+    share_error,
+)
+from percept.boundary.shares import Users
+from percept.haptics import Coupling, Device, Environment, TabulatedDevice, can_render
+from percept.haptics.loop import log_grid
+from percept.results import (
+    AdmissibleCouplings,
+    ChangedVerdict,
+    ConfirmedCoupling,
+    EnvironmentCouplings,
+    OtherDevices,
+    Skipped,
+)
+from percept.scene import Scene
+from percept.study.basics import Array
+from percept.study.device import Setup
+from percept.study.stable_couplings import StableCouplings
+from percept.study.verdicts import MapUsers, frequencies, relative_sd
+
+#: Draws of the users behind a map of couplings, and where these decide nothing: 0.95 is known to
+#: 0.014 and 0.007 by them.
+_DRAWS = (256, 1024)
+#: Draws that confirm an end: on a line of equal probability no number of draws is ever clear of it.
+_END_DRAWS = 2048
+#: Standard errors between a probability and the decision.
+_ERRORS = 2.0
+#: Lines of damping of a map, and stiffnesses on each.
+_LINES = 33
+_STIFFNESSES = 41
+#: The last line is a hair's breadth below the largest stable damping, where nothing is left.
+_LAST_LINE = 0.98
+#: A coupling at the edge of what is stable is pulled inside by this fraction of its stiffness.
+_INSIDE = 1e-4
+#: Nearer to an edge a coupling stands at it.
+_INSIDE_MAP = 1.0 - 2.0 * _INSIDE
+#: The softest coupling of a map, against the softest stiffness in users' ranges.
+_SOFTER = 0.5
+#: A line of a map spans this factor of stiffness at least, also where little is stable.
+_LEAST_SPAN = 10.0
+#: Halvings of the step of a map that holds an end: the stiffness is known to a ten-thousandth.
+_HALVINGS = 10
+#: Ends that are tried before a search gives up.
+_TRIALS = 5
+#: Frequencies of a map: per decade, and about each resonance, where margins dip.
+_PER_DECADE = 8
+_ABOUT_RESONANCE = 25
+#: Of the draws' ranges of stiffness, those that resonances are looked for in.
+_COMMON = (0.05, 0.95)
+#: Resonances are looked for down to this fraction of the reference's stiffness.
+_SOFTEST_RESONANCE = 0.01
+#: Draws of the users behind a verdict on another device: it is known to 0.02 by them, and
+#: differences better.
+_DEVICE_DRAWS = 512
+#: Factors of the scene's mass or damping, which are seldom known better.
+_FACTORS = (0.5, 1.5)
+
+End = Literal["stiffest", "softest"]
+_ENDS: tuple[End, ...] = ("stiffest", "softest")
+
+
+def no_coupling_map(setup: Setup, whose: MapUsers) -> Skipped | None:
+    """Say why there is no map of couplings; None where there is one."""
+    what = "admissible couplings"
+    if not whose.draws:
+        return Skipped(what, "they need a joint law of stiffness and damping")
+    if isinstance(setup.loop.device, TabulatedDevice):
+        # Of nothing to render only the table can leave something open.
+        unknown = can_render(setup.loop, Environment(0.0, 0.0))
+        if unknown.verdict == "undecided":
+            return Skipped(what, unknown.reason)
+    velocity_filter = setup.loop.velocity_filter
+    if velocity_filter is not None and velocity_filter.order > 1:
+        why = "from order 2 of the velocity filter on stiffness has a lower limit too"
+        return Skipped(what, why)
+    if not StableCouplings(setup, list(whose.draws)).largest_damping():
+        return Skipped(what, "no coupling is stable in time with this device")
+    return None
+
+
+def coupling_map(setup: Setup, whose: MapUsers, scene: Scene) -> AdmissibleCouplings | None:
+    """Map the probability that stable couplings feel real, per environment and for all together.
+
+    None where `no_coupling_map` says why. "All together" has the smallest probability.
+    """
+    if no_coupling_map(setup, whose) is not None:
+        return None
+    judges = [_Judge(setup, name, users, scene) for name, users in whose.draws.items()]
+    maps = [_map_of(judge.name, [judge]) for judge in judges]
+    if len(judges) > 1:
+        maps.append(_map_of(None, judges))
+    return AdmissibleCouplings(
+        method=whose.method,
+        family=scene.inference.family,
+        central=scene.verdict.central,
+        decision=scene.inference.decision,
+        environments=tuple(maps),
+        devices=None if setup.draws is None else setup.draws.count,
+    )
+
+
+def _stiffnesses(
+    setup: Setup, environment: str, users: Users, central: float
+) -> tuple[float, float]:
+    """Return between which stiffnesses users take for an environment under most draws, N/m."""
+    ranges = users.central_ranges(central).stiffness
+    reference = float(setup.references[environment].stiffness)
+    low = float(np.quantile(ranges.low, _COMMON[0]))
+    high = float(np.quantile(ranges.high, _COMMON[1]))
+    least = max(low, _SOFTEST_RESONANCE * reference)
+    return least, max(high, least)
+
+
+def _frequencies(setup: Setup, environment: str, users: Users, scene: Scene) -> Array:
+    """Return the frequencies, rad/s, of a map: even ones, and those at which users' walls resonate.
+
+    Dips between them are not searched, so they are denser about resonances than `frequencies`.
+    """
+    resonances = setup.resonances(environment)
+    if not isinstance(setup.loop.device, TabulatedDevice):
+        # A table's rows are all there is to see; a mass resonates by the root of the stiffness.
+        ends = np.array(_stiffnesses(setup, environment, users, scene.verdict.central))
+        reference = float(setup.references[environment].stiffness)
+        lowest, highest = np.sqrt(ends / reference).tolist()
+        about = np.geomspace(lowest, highest, _ABOUT_RESONANCE)
+        resonances = np.multiply.outer(resonances, about).ravel()
+    return log_grid((scene.frequency.lower, scene.frequency.upper), _PER_DECADE, resonances)
+
+
+class _Judge:
+    """Judges the couplings of one environment."""
+
+    def __init__(self, setup: Setup, name: str, users: Users, scene: Scene) -> None:
+        self.name = name
+        self.setup = setup
+        self.users = users
+        self.scene = scene
+        some = self._some(_DRAWS[0])
+        softest, _ = _stiffnesses(setup, name, some, scene.verdict.central)
+        #: N/m; a softer coupling is too soft under every draw.
+        self.softest = _SOFTER * softest
+        self._omega = _frequencies(setup, name, some, scene)
+        within = scene.frequency.lower, scene.frequency.upper
+        self._searched = frequencies(setup, name, relative_sd(users), within)
+        self._by_draws: dict[int, CouplingJudge] = {}
+
+    def _some(self, draws: int) -> Users:
+        return self.users.select(slice(0, draws))
+
+    def probabilities(self, couplings: Coupling, draws: int) -> Array:
+        """Return the share of so many draws of the users under which couplings feel real, (C,)."""
+        if draws not in self._by_draws:
+            display = self.setup.display(self.name, coupled=True)
+            central = self.scene.verdict.central
+            judge = CouplingJudge(display, self._some(draws), self._omega, central=central)
+            self._by_draws[draws] = judge
+        return self._by_draws[draws].probabilities(couplings)
+
+    def confirm(self, coupling: Coupling) -> Evidence:
+        """Judge one coupling by `feels_real`."""
+        setup = dataclasses.replace(self.setup, coupling=coupling)
+        return feels_real(
+            setup.display(self.name, coupled=True),
+            self._some(_END_DRAWS),
+            self._searched,
+            central=self.scene.verdict.central,
+            decision=self.scene.inference.decision,
+        )
+
+
+def _map_of(name: str | None, judges: Sequence[_Judge]) -> EnvironmentCouplings:
+    """Map one environment, or several together; by more draws where the first do not decide."""
+    stable = StableCouplings(judges[0].setup, [judge.name for judge in judges])
+    # Lines are dense at both ends.
+    angle = np.linspace(0.0, _LAST_LINE * 0.5 * np.pi, _LINES)
+    damping = stable.largest_damping() * np.sin(angle) ** 2
+    limit = (1.0 - _INSIDE) * np.maximum(stable.limit(damping), np.finfo(float).tiny)
+    # From one that is too soft for every environment on.
+    softest = max(judge.softest for judge in judges)
+    low = np.minimum(softest, limit / _LEAST_SPAN)
+    stiffness = np.geomspace(low, limit, _STIFFNESSES).T
+    rigid = 2.0 * stable.rigid / stable.loop.period
+    for draws in _DRAWS:
+        couplings = _Couplings(judges, stable, damping, stiffness, draws)
+        ends = {end: couplings.confirmed_end(end) for end in _ENDS}
+        outcome: Literal["some", "none", "undecided"] = "undecided"
+        if None not in ends.values():
+            outcome = "some"
+        elif couplings.surely_none():
+            outcome = "none"
+        if outcome != "undecided":
+            break
+    return EnvironmentCouplings(
+        name=name,
+        damping=damping,
+        stiffness=stiffness,
+        probability=couplings.probability,
+        limited=bool(limit[0] < _INSIDE_MAP * rigid),
+        outcome=outcome,
+        draws=couplings.draws,
+        **ends,
+    )
+
+
+class _Couplings:
+    """Couplings on B lines of damping, N·s/m, of K stiffnesses each, N/m, up to what is stable.
+
+    Their probability (B, K) is that of being stable, times the least of feeling real.
+    """
+
+    def __init__(
+        self,
+        judges: Sequence[_Judge],
+        stable: StableCouplings,
+        damping: Array,
+        stiffness: Array,
+        draws: int,
+    ) -> None:
+        self._judges = judges
+        self._stable = stable
+        self._damping = damping
+        self._stiffness = stiffness
+        self._decision = judges[0].scene.inference.decision
+        self.draws = min(draws, *(judge.users.size for judge in judges))
+        self.probability = self._probabilities(stiffness, damping)
+
+    def _probabilities(self, stiffness: Array, damping: Array) -> Array:
+        """Return the probabilities of stiffnesses (B, K) on lines (B,)."""
+        flat = stiffness.ravel()
+        beside = np.repeat(damping, stiffness.shape[1])
+        stable = np.ones(flat.size)
+        if self._stable.devices is not None:
+            stable = self._stable.probability(flat, beside)
+        least = np.ones(flat.size)
+        for of_environment in self._judges:
+            maybe = np.flatnonzero(least * stable > 0.0)
+            if maybe.size:
+                couplings = Coupling(flat[maybe], beside[maybe])
+                found = of_environment.probabilities(couplings, self.draws)
+                least[maybe] = np.minimum(least[maybe], found)
+        return (stable * least).reshape(stiffness.shape)
+
+    def surely_none(self) -> bool:
+        """Whether two errors above every probability no coupling reaches the decision."""
+        best = float(self.probability.max(initial=0.0))
+        return best + _ERRORS * share_error(best, self.draws) < self._decision
+
+    def confirmed_end(self, end: End) -> ConfirmedCoupling | None:
+        """Return the stiffest or the softest coupling that surely reaches the decision."""
+        wanted = self._decision
+        for _ in range(_TRIALS):
+            coupling = self._end(end, wanted)
+            if coupling is None:
+                return None
+            confirmed = self._confirmed(coupling)
+            sure = confirmed.probability - _ERRORS * confirmed.error
+            if sure >= self._decision:
+                return confirmed
+            # What lies between the map's frequencies, and its fewer draws, is asked for on top.
+            wanted += max(self._decision - sure, 1.0 / _END_DRAWS)
+        return None
+
+    def _end(self, end: End, wanted: float) -> Coupling | None:
+        """Return the stiffest or the softest coupling on a line that is as probable as wanted."""
+        enough = self.probability >= wanted
+        (lines,) = np.nonzero(enough.any(axis=1))
+        if not lines.size:
+            return None
+        damping = self._damping[lines]
+        last = self._stiffness.shape[1] - 1
+        if end == "stiffest":
+            inner = last - enough[lines, ::-1].argmax(axis=1)
+            outer = np.minimum(inner + 1, last)
+        else:
+            inner = enough[lines].argmax(axis=1)
+            outer = np.maximum(inner - 1, 0)
+        inside = self._stiffness[lines, inner]
+        outside = self._stiffness[lines, outer]
+        for _ in range(_HALVINGS):
+            middle = np.sqrt(inside * outside)
+            found = self._probabilities(middle[:, None], damping)[:, 0]
+            inside = np.where(found >= wanted, middle, inside)
+            outside = np.where(found >= wanted, outside, middle)
+        best = inside.argmax() if end == "stiffest" else inside.argmin()
+        return Coupling(float(inside[best]), float(damping[best]))
+
+    def _confirmed(self, coupling: Coupling) -> ConfirmedCoupling:
+        """Say how probably a coupling feels real where it is least probable, and what bounds it."""
+        found = [judge.confirm(coupling) for judge in self._judges]
+        least = min(found, key=lambda evidence: evidence.probability)
+        stiffness = np.atleast_1d(coupling.stiffness)
+        damping = np.atleast_1d(coupling.damping)
+        stable = float(self._stable.probability(stiffness, damping)[0])
+        # One device is exact.
+        devices = self._stable.devices
+        stable_error = share_error(stable, devices) if devices else 0.0
+        bound: Literal["stability", "magnitude", "plane", "map"] = "magnitude"
+        if self._stable.at_nyquist(coupling) >= _INSIDE_MAP * self._stable.rigid:
+            bound = "map"
+        elif stiffness >= _INSIDE_MAP * self._stable.limit(damping) or stable < least.probability:
+            bound = "stability"
+        elif least.plane < least.magnitude:
+            bound = "plane"
+        return ConfirmedCoupling(
+            stiffness=float(stiffness[0]),
+            damping=float(damping[0]),
+            probability=stable * least.probability,
+            error=float(np.hypot(least.error, stable_error)),
+            draws=least.draws,
+            bound=bound,
+        )
+
+
+def no_other_devices(setup: Setup, whose: MapUsers) -> Skipped | None:
+    """Say why mass and damping are not varied; None where they are."""
+    what = "verdicts with other mass and damping of the device"
+    if not isinstance(setup.loop.device, Device):
+        return Skipped(what, "a measured response has neither")
+    if not whose.draws:
+        return Skipped(what, "they need a joint law of stiffness and damping")
+    return None
+
+
+def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices | None:
+    """Judge every environment again with other mass and damping of the device.
+
+    None where `no_other_devices` says why.
+    """
+    device = setup.loop.device
+    if not isinstance(device, Device) or not whose.draws:
+        return None
+    devices = [device]
+    devices += [dataclasses.replace(device, mass=factor * device.mass) for factor in _FACTORS]
+    devices += [dataclasses.replace(device, damping=factor * device.damping) for factor in _FACTORS]
+    central = scene.verdict.central
+    verdicts = []
+    for environment, population in whose.draws.items():
+        some = population.select(slice(0, _DEVICE_DRAWS))
+        for coupled in (False, True) if setup.coupling is not None else (False,):
+            probabilities = []
+            rendered = []
+            for other in devices:
+                varied = setup.with_device(other)
+                display = varied.display(environment, coupled=coupled)
+                omega = _frequencies(varied, environment, some, scene)
+                probabilities.append(rough_probability(display, some, omega, central=central))
+                found = can_render(varied.loop, display.environment, coupling=display.coupling)
+                rendered.append(found.verdict == "can")
+            verdict = ChangedVerdict(
+                environment=environment,
+                coupled=coupled,
+                probability=tuple(probabilities),
+                outcome=tuple(judge(one, scene.inference.decision) for one in probabilities),
+                rendered=tuple(rendered),
+            )
+            verdicts.append(verdict)
+    return OtherDevices(
+        mass=tuple(float(other.mass) for other in devices),
+        damping=tuple(float(other.damping) for other in devices),
+        coupled=setup.coupling is not None,
+        verdicts=tuple(verdicts),
+        method=whose.method,
+        draws=min(_DEVICE_DRAWS, *(population.size for population in whose.draws.values())),
+    )
