@@ -8,16 +8,16 @@ of the contrary: the first keeps its error rate without, the second with, a corr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, Feeling, feels_real
+from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, Evidence, Feeling
 from percept.boundary.shares import Users
+from percept.errors import RefusalError
 from percept.haptics.perceived import Display
 from percept.haptics.shown import shown_limits
-from percept.html import NotebookRecord
 from percept.inference.classical.fiducial import central_range_confidence, fiducial_draws
 from percept.inference.classical.moments import Moments
 
@@ -25,14 +25,13 @@ __all__ = [
     "FEWEST_FOR_PAIR",
     "PARTS",
     "Confidence",
-    "SubjectPairs",
     "confidence",
-    "limits_confidence",
+    "fiducial_users",
 ]
 
 Array = NDArray[np.float64]
 
-#: Most fiducial draws of the population.
+#: Fiducial draws of the population.
 _DRAWS = 2048
 #: Parts that may each say "does not": stiffness, damping, abs(Z_h).
 PARTS = 3
@@ -41,7 +40,7 @@ FEWEST_FOR_PAIR = 3
 
 
 @dataclass(frozen=True)
-class Confidence(NotebookRecord):
+class Confidence:
     """Confidence that a display lies in the central range of users, part by part."""
 
     stiffness: float  # At the omega least favourable to it
@@ -54,7 +53,6 @@ class Confidence(NotebookRecord):
     magnitude_omega: float | None = None  # rad/s
     together: float | None = None  # Share of draws in which all parts hold at every omega
     together_error: float | None = None  # Its Monte Carlo standard error
-    scores: Array | None = field(default=None, compare=False)  # Of the draws, as of `Evidence`
 
     @property
     def parts(self) -> tuple[float, ...]:
@@ -72,71 +70,31 @@ class Confidence(NotebookRecord):
         return "does not" if min(refuting) <= (1.0 - decision) / PARTS else "too little data"
 
 
-@dataclass(frozen=True, eq=False)
-class SubjectPairs:
-    """What n subjects adjusted, a row of stiffness and damping each; logarithms where `log`."""
-
-    values: Array  # (n, 2)
-    log: bool
-
-
-def confidence(
-    display: Display,
-    subjects: SubjectPairs,
-    omega: Array,
-    *,
-    central: float,
-    decision: float,
-    rng: np.random.Generator,
-) -> Confidence:
-    """Judge a display by the subjects of its environment.
+def fiducial_users(values: Array, *, log: bool, rng: np.random.Generator) -> Users | None:
+    """Draw 2,048 populations that the subjects leave likely.
 
     Parameters
     ----------
-    display : Display
-        One environment, directly or through a coupling.
-    subjects : SubjectPairs
-        At least two; with fewer than three abs(Z_h) is not judged.
-    omega : ndarray, shape (M,)
-        rad/s, from `percept.boundary.feels_real.search_grid`.
-    central : float
-        Share of all users that a central range holds.
-    decision : float
-        Confidence from which a display is said to feel real.
+    values : ndarray, shape (n, 2)
+        Stiffness and damping of each subject; logarithms where `log` is true.
+    log : bool
+        Whether users scatter by ratios.
     rng : numpy.random.Generator
-        Source of the fiducial draws.
+        Source of the draws.
 
     Returns
     -------
-    Confidence
-        Of stiffness and damping exact, of abs(Z_h) by up to 2,048 draws.
-
-    Raises
-    ------
-    RefusalError
-        Where all users set one quantity to the same value.
+    Users or None
+        None where subjects give no joint law: fewer than three, or both quantities in proportion.
     """
-    stiffness = Moments.from_values(subjects.values[:, 0])
-    damping = Moments.from_values(subjects.values[:, 1])
-    by_parts = limits_confidence(
-        display, stiffness, damping, omega, central=central, log=subjects.log
-    )
-    if len(subjects.values) < FEWEST_FOR_PAIR:
-        return by_parts
-    draws = fiducial_draws(subjects.values, _DRAWS, rng)
-    users = Users.of(draws.mean, draws.covariance, log=subjects.log)
-    evidence = feels_real(display, users, omega, central=central, decision=decision)
-    return replace(
-        by_parts,
-        magnitude=evidence.lowest,
-        magnitude_omega=evidence.lowest_omega,
-        together=evidence.probability,
-        together_error=evidence.error,
-        scores=evidence.scores,
-    )
+    try:
+        draws = fiducial_draws(values, _DRAWS, rng)
+    except RefusalError:
+        return None
+    return Users.of(draws.mean, draws.covariance, log=log)
 
 
-def limits_confidence(
+def confidence(
     display: Display,
     stiffness: Moments,
     damping: Moments,
@@ -144,26 +102,29 @@ def limits_confidence(
     *,
     central: float,
     log: bool,
+    magnitude: Evidence | None = None,
 ) -> Confidence:
-    """Judge stiffness and damping alone, as published limits allow.
+    """Judge a display by the subjects of its environment.
 
     Parameters
     ----------
     display : Display
         One environment, directly or through a coupling.
     stiffness, damping : Moments
-        Of the users, of the logarithms where `log` is true.
+        Of the subjects, of the logarithms where `log` is true.
     omega : ndarray, shape (M,)
-        rad/s.
+        rad/s, increasing.
     central : float
         Share of all users that a central range holds.
     log : bool
         Whether users scatter by ratios.
+    magnitude : Evidence, optional
+        Of the display under `fiducial_users`; without it abs(Z_h) is not judged.
 
     Returns
     -------
     Confidence
-        Without abs(Z_h).
+        Of stiffness and damping exact, of abs(Z_h) as good as its draws.
 
     Raises
     ------
@@ -179,6 +140,10 @@ def limits_confidence(
         subjects=int(np.min([stiffness.n, damping.n])),
         stiffness_tests=stiffness_tests,
         damping_tests=damping_tests,
+        magnitude=magnitude.lowest if magnitude else None,
+        magnitude_omega=magnitude.lowest_omega if magnitude else None,
+        together=magnitude.probability if magnitude else None,
+        together_error=magnitude.error if magnitude else None,
     )
 
 

@@ -21,7 +21,6 @@ from percept.boundary.shares import DiscIntegral, Discs, Users, share_within
 from percept.haptics.loop import log_grid
 from percept.haptics.perceived import Display, displayed
 from percept.haptics.shown import shown_limits
-from percept.html import NotebookRecord
 
 __all__ = [
     "CENTRALS",
@@ -76,7 +75,7 @@ _CLEAR = 2.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Evidence(NotebookRecord):
+class Evidence:
     """Posterior probability that a display feels real at every omega of a range."""
 
     probability: float  # By abs(Z_h) and by effective stiffness and damping

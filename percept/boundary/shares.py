@@ -34,6 +34,8 @@ STIFFNESS = 0
 DAMPING = 1
 #: Logarithms of a stiffness or damping of zero, and below: no user is there.
 LEAST = np.finfo(np.float64).tiny
+#: Beyond this logarithm of N/m or N·s/m no impedance of interest changes.
+_LARGEST_LOG = 90.0
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 #: Beyond so many SDs lies less than 1e-12 of a population.
@@ -74,10 +76,16 @@ class Users:
         *,
         log: bool,
     ) -> Users:
-        """Take means (D, 2) and covariances (D, 2, 2)."""
+        """Take means (D, 2) and covariances (D, 2, 2).
+
+        Logarithms beyond the range of impedances move to its end.
+        """
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         sd = np.sqrt(variance)
         correlation = covariance[:, 0, 1] / sd.prod(axis=1)
+        if log:
+            mean = np.clip(mean, -_LARGEST_LOG, _LARGEST_LOG)
+            sd = np.minimum(sd, _LARGEST_LOG)
         return cls(log=log, mean=mean.T, sd=sd.T, correlation=correlation)
 
     @property

@@ -45,7 +45,6 @@ from percept.study.verdicts import (
     MapUsers,
     Subjects,
     leaning_on_slips,
-    likely_users,
     posterior_users,
     study_verdicts,
     subjects_of,
@@ -226,7 +225,9 @@ class Displayed(Inferred):
         """Draws of users behind maps: posterior ones, else fiducial ones of subjects."""
         if self.users or self.setup is None or self.data.asked.method == "bayesian":
             return MapUsers(self.users, "bayesian")
-        return MapUsers(likely_users(self.subjects, self.setup, self.data.asked), "classical")
+        known = [(name, self.subjects.get(name)) for name in self.setup.references]
+        draws = {name: found.users for name, found in known if found and found.users}
+        return MapUsers(draws, "classical")
 
     @cached_property
     def verdict_rows(self) -> tuple[Verdict, ...]:

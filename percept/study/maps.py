@@ -162,8 +162,7 @@ class _Judge:
         #: N/m; a softer coupling is too soft under every draw.
         self.softest = _SOFTER * softest
         self._omega = _frequencies(setup, name, some, scene)
-        within = scene.frequency.lower, scene.frequency.upper
-        self._searched = frequencies(setup, name, relative_sd(users), within)
+        self._searched = frequencies(setup, name, relative_sd(users), scene)
         self._by_draws: dict[int, CouplingJudge] = {}
 
     def _some(self, draws: int) -> Users:

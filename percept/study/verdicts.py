@@ -15,14 +15,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pandas as pd
 
-from percept.boundary import confidence as classical
-from percept.boundary.confidence import Confidence, confidence, limits_confidence
+from percept.boundary.confidence import Confidence, confidence, fiducial_users
 from percept.boundary.feels_real import CENTRALS, Evidence, feels_real, search_grid
 from percept.boundary.shares import Users
 from percept.errors import RefusalError
 from percept.haptics import TabulatedDevice
 from percept.haptics.perceived import Display
-from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family, Method
 from percept.results import (
@@ -43,24 +41,19 @@ from percept.study.device import Setup
 from percept.study.device_draws import margins_of_draws
 from percept.study.regions import SubjectPairs
 
-#: Columns of `verdict_table`.
-_VERDICT_COLUMNS = (
-    "environment", "coupled", "method", "rendered", "outcome", "probability", "more",
-)  # fmt: skip
-
 if TYPE_CHECKING:
     from percept.study.fit import Fit
 
 
+#: Columns of `verdict_table`.
+_VERDICT_COLUMNS = (
+    "environment", "coupled", "method", "rendered", "outcome", "probability", "more",
+)  # fmt: skip
 #: Most draws of the posterior: a probability of 0.95 is known to 0.003 by them.
 _MOST_DRAWS = 4096
-#: Fiducial draws of a map, where there is no posterior.
-_FIDUCIAL_DRAWS = 512
 #: Half of a resonance's width against the SD of log k between users, and its least.
 _HALF_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
-#: Beyond this logarithm of N/m or N·s/m no impedance of interest changes.
-_LARGEST_LOG = 90.0
 #: A mean of zero counts as this when an SD is put in proportion to it.
 _LEAST_MEAN = 1e-300
 _NAMES = ("k", "b")
@@ -73,55 +66,33 @@ class Subjects:
     family: Family
     stiffness: Moments  # On the family's scale
     damping: Moments
-    # None with fewer than three subjects, and for published limits.
-    pairs: classical.SubjectPairs | None
+    users: Users | None  # Fiducial draws; None where subjects give no joint law
 
-    def confidence(
-        self, setup: Setup, environment: str, scene: Scene, omega: Array, *, coupled: bool
-    ) -> Confidence | None:
-        """Judge what is displayed; None where subjects do not scatter."""
-        display = setup.display(environment, coupled=coupled)
-        asked = scene.inference
-        rng = generator(asked.seed, Stream.FIDUCIAL)
-        central = scene.verdict.central
-        if self.pairs is not None:
-            try:
-                return confidence(
-                    display, self.pairs, omega, central=central, decision=asked.decision, rng=rng
-                )
-            except RefusalError:
-                # Stiffness and damping in proportion have no joint law; each still has its own.
-                pass
-        try:
-            moments = self.stiffness, self.damping
-            log = self.family == "lognormal"
-            return limits_confidence(display, *moments, omega, central=central, log=log)
-        except RefusalError:
-            return None
+    @property
+    def log(self) -> bool:
+        """Whether users scatter by ratios."""
+        return self.family == "lognormal"
 
 
 def subjects_of(data: Data, pairs: Sequence[SubjectPairs]) -> dict[str, Subjects]:
     """Return what the classical method knows, by environment: in the scene's family if it can."""
+    values = {(pair.family, pair.environment): np.column_stack([pair.k, pair.b]) for pair in pairs}
     found: dict[str, Subjects] = {}
-    for family in ("normal", "lognormal", data.asked.family):
+    families: tuple[Family, ...] = (data.asked.family, "lognormal", "normal")
+    for family in families:
         moments = data.moments(family)
-        values = {pair.environment: pair for pair in pairs if pair.family == family}
         for environment in data.environments:
             stiffness, damping = (moments.get((name, environment)) for name in _NAMES)
-            if stiffness is None or damping is None:
+            if stiffness is None or damping is None or environment in found:
                 continue
-            pair = _subject_pairs(values.get(environment))
-            # The family set last stays.
-            found[environment] = Subjects(family, stiffness, damping, pair)
+            users = None
+            of_both = values.get((family, environment))
+            if of_both is not None:
+                log = family == "lognormal"
+                rng = generator(data.asked.seed, Stream.FIDUCIAL)
+                users = fiducial_users(np.log(of_both) if log else of_both, log=log, rng=rng)
+            found[environment] = Subjects(family, stiffness, damping, users)
     return found
-
-
-def _subject_pairs(pairs: SubjectPairs | None) -> classical.SubjectPairs | None:
-    if pairs is None:
-        return None
-    values = np.column_stack([pairs.k, pairs.b])
-    log = pairs.family == "lognormal"
-    return classical.SubjectPairs(np.log(values) if log else values, log)
 
 
 def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
@@ -140,17 +111,8 @@ def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
         unit = fit.scale.unit[cells]
         centre = np.log(origin) if fit.scale.log else origin
         population = np.multiply.outer(unit, unit) * covariance
-        users[environment] = users_in_range(centre + unit * mean, population, log=fit.scale.log)
+        users[environment] = Users.of(centre + unit * mean, population, log=fit.scale.log)
     return users
-
-
-def users_in_range(mean: Array, covariance: Array, *, log: bool) -> Users:
-    """Return populations; means and SDs beyond the range of impedances move to its end."""
-    users = Users.of(mean, covariance, log=log)
-    if not log:
-        return users
-    centre = np.clip(users.mean, -_LARGEST_LOG, _LARGEST_LOG)
-    return dataclasses.replace(users, mean=centre, sd=np.minimum(users.sd, _LARGEST_LOG))
 
 
 def _joint_draws(
@@ -184,34 +146,7 @@ class MapUsers(NamedTuple):
     method: Method
 
 
-def fiducial_users(subjects: Subjects, asked: InferenceTable) -> Users | None:
-    """Draw populations that the subjects leave likely; None where there is no joint law."""
-    if subjects.pairs is None:
-        return None
-    rng = generator(asked.seed, Stream.FIDUCIAL)
-    try:
-        draws = fiducial_draws(subjects.pairs.values, _FIDUCIAL_DRAWS, rng)
-    except RefusalError:
-        return None
-    return users_in_range(draws.mean, draws.covariance, log=subjects.pairs.log)
-
-
-def likely_users(
-    subjects: Mapping[str, Subjects], setup: Setup, asked: InferenceTable
-) -> dict[str, Users]:
-    """Draw the populations of every environment whose subjects have a joint law."""
-    likely = {}
-    for environment in setup.references:
-        known = subjects.get(environment)
-        users = fiducial_users(known, asked) if known else None
-        if users is not None:
-            likely[environment] = users
-    return likely
-
-
-def frequencies(
-    setup: Setup, environment: str, relative_sd: float, within: tuple[float, float]
-) -> Array:
+def frequencies(setup: Setup, environment: str, relative_sd: float, scene: Scene) -> Array:
     """Return the frequencies, rad/s, at which an environment is judged before peaks are searched.
 
     Shape (M,), or (D, M) where the device of the setup is D devices.
@@ -224,13 +159,16 @@ def frequencies(
         # A table's rows are all there is to see.
         half_width = 0.0
     half_widths = np.full(resonances.shape[-1], min(half_width, 1.0))
-    return search_grid(*within, resonances, half_widths)
+    return search_grid(scene.frequency.lower, scene.frequency.upper, resonances, half_widths)
 
 
 def relative_sd(users: Users) -> float:
     """Return the typical SD of stiffness between users, relative to its mean."""
-    sd = float(np.median(users.sd[0]))
-    return sd if users.log else sd / max(abs(float(np.median(users.mean[0]))), _LEAST_MEAN)
+    return _relative(float(np.median(users.mean[0])), float(np.median(users.sd[0])), log=users.log)
+
+
+def _relative(mean: float, sd: float, *, log: bool) -> float:
+    return sd if log else sd / max(abs(mean), _LEAST_MEAN)
 
 
 def study_verdicts(
@@ -245,33 +183,80 @@ def study_verdicts(
 
     `stable` says by environment, and whether through the coupling, if it can be rendered.
     """
-    within = scene.frequency.lower, scene.frequency.upper
-    renderings = [False]
-    if setup.coupling is not None:
-        renderings.append(True)
     for environment in setup.references:
         of_users = users.get(environment)
         of_subjects = subjects.get(environment)
-        spread = _stiffness_spread(of_users, of_subjects)
-        if spread is None:
+        if of_users is not None:
+            spread = relative_sd(of_users)
+        elif of_subjects is not None:
+            moments = of_subjects.stiffness
+            spread = _relative(float(moments.mean), float(moments.sd), log=of_subjects.log)
+        else:
             continue
-        omega = frequencies(setup, environment, spread, within)
-        for coupled in renderings:
-            evidence = None
-            together = None
+        omega = frequencies(setup, environment, spread, scene)
+        for coupled in (False, True) if setup.coupling is not None else (False,):
+            display = setup.display(environment, coupled=coupled)
+            evidence = together = parts = likely = None
             if of_users is not None:
-                judged, evidence = _by_posterior(
-                    setup, environment, of_users, scene, coupled=coupled
-                )
-                shown = judged.display(environment, coupled=coupled)
+                evidence = _by_posterior(setup, environment, of_users, scene, coupled=coupled)
                 renders = stable.get((environment, coupled))
-                together = _stable_and_real(judged, shown, evidence, stable=renders)
-            parts = None
+                together = _stable_and_real(setup, display, evidence, stable=renders)
             if of_subjects is not None and scene.inference.method != "bayesian":
-                parts = of_subjects.confidence(setup, environment, scene, omega, coupled=coupled)
+                parts, likely = _by_subjects(of_subjects, display, omega, scene)
             if evidence is not None or parts is not None:
-                verdict = _verdict(environment, of_subjects, evidence, parts, scene)
+                verdict = _verdict(environment, of_subjects, evidence, parts, likely, scene)
                 yield dataclasses.replace(verdict, coupled=coupled, stable_and_real=together)
+
+
+def _by_posterior(
+    setup: Setup, environment: str, users: Users, scene: Scene, *, coupled: bool
+) -> Evidence:
+    """Judge draws of the users, each on a draw of the device."""
+    if setup.draws is not None:
+        which = np.arange(users.size) % setup.draws.count
+        setup = setup.with_device(setup.draws.stacked.select(which))
+    return feels_real(
+        setup.display(environment, coupled=coupled),
+        users,
+        frequencies(setup, environment, relative_sd(users), scene),
+        central=scene.verdict.central,
+        decision=scene.inference.decision,
+    )
+
+
+def _stable_and_real(
+    setup: Setup, shown: Display, found: Evidence, *, stable: bool | None
+) -> float | None:
+    """Return the probability that a display is stable in time and feels real.
+
+    Of a device that is a posterior's draws by these; else None where stability is undecided.
+    """
+    if setup.draws is None:
+        return None if stable is None else found.probability * stable
+    margins = margins_of_draws(setup.draws, setup.loop, shown.environment, shown.coupling)
+    # Of devices with modes fewer have a margin than there are draws.
+    judged = min(margins.size, found.draws)
+    both = found.real[:judged] & (margins[:judged] > 1.0)
+    return float(both.mean())
+
+
+def _by_subjects(
+    subjects: Subjects, display: Display, omega: Array, scene: Scene
+) -> tuple[Confidence | None, Evidence | None]:
+    """Judge by the subjects, and by fiducial draws of users; None where subjects do not scatter."""
+    central = scene.verdict.central
+    likely = None
+    if subjects.users is not None:
+        decision = scene.inference.decision
+        likely = feels_real(display, subjects.users, omega, central=central, decision=decision)
+    moments = subjects.stiffness, subjects.damping
+    try:
+        parts = confidence(
+            display, *moments, omega, central=central, log=subjects.log, magnitude=likely
+        )
+    except RefusalError:
+        return None, likely
+    return parts, likely
 
 
 def _verdict(
@@ -279,6 +264,7 @@ def _verdict(
     subjects: Subjects | None,
     evidence: Evidence | None,
     parts: Confidence | None,
+    likely: Evidence | None,
     scene: Scene,
 ) -> Verdict:
     """Put the evidence of both methods together; the Bayesian outcome leads where there is one."""
@@ -295,10 +281,10 @@ def _verdict(
         assert classical is not None
         outcome, probability = classical.outcome, classical.least
     more = None
-    scores = evidence.scores if evidence is not None else parts.scores if parts else None
-    undecided = {row.outcome for row in (bayesian, classical) if row} == {"too little data"}
-    if undecided and classical is not None and scores is not None:
-        more = more_subjects(scores, count, central=central, decision=decision)
+    drawn = evidence or likely
+    outcomes = {row.outcome for row in (bayesian, classical) if row}
+    if classical is not None and drawn is not None and outcomes == {"too little data"}:
+        more = more_subjects(drawn.scores, count, central=central, decision=decision)
     return Verdict(
         environment=environment,
         coupled=False,
@@ -312,6 +298,36 @@ def _verdict(
         classical=classical,
         stable_and_real=None,
         more=more,
+    )
+
+
+def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvidence:
+    by_central = zip(CENTRALS, found.by_central, strict=True)
+    return PosteriorEvidence(
+        outcome=found.outcome(decision, subjects),
+        probability=found.probability,
+        error=found.error,
+        draws=found.draws,
+        straddles=not found.clear_of(decision),
+        magnitude=found.magnitude,
+        plane=found.plane,
+        by_central=tuple(CentralProbability(*pair) for pair in by_central),
+        lowest=found.lowest,
+        lowest_omega=found.lowest_omega,
+    )
+
+
+def _confidences(found: Confidence, family: Family, decision: float) -> Confidences:
+    return Confidences(
+        outcome=found.verdict(decision),
+        family=family,
+        least=min(found.parts),
+        stiffness=found.stiffness,
+        damping=found.damping,
+        magnitude=found.magnitude,
+        magnitude_omega=found.magnitude_omega,
+        together=found.together,
+        together_error=found.together_error,
     )
 
 
@@ -332,82 +348,6 @@ def leaning_on_slips(
             other = others.get((verdict.environment, verdict.coupled))
             leaning = Leaning(rows=tuple(rows), without=other)
         yield dataclasses.replace(verdict, leaning=leaning)
-
-
-def _stiffness_spread(users: Users | None, subjects: Subjects | None) -> float | None:
-    """Return the SD of stiffness between users, relative to its mean; None of neither."""
-    if users is not None:
-        return relative_sd(users)
-    if subjects is None:
-        return None
-    moments = subjects.stiffness
-    if subjects.family == "lognormal":
-        return float(moments.sd)
-    return float(moments.sd) / max(abs(float(moments.mean)), _LEAST_MEAN)
-
-
-def _by_posterior(
-    setup: Setup, environment: str, users: Users, scene: Scene, *, coupled: bool
-) -> tuple[Setup, Evidence]:
-    """Judge draws of the users, each on a draw of the device; return the devices too."""
-    if setup.draws is not None:
-        which = np.arange(users.size) % setup.draws.count
-        setup = setup.with_device(setup.draws.stacked.select(which))
-    within = scene.frequency.lower, scene.frequency.upper
-    found = feels_real(
-        setup.display(environment, coupled=coupled),
-        users,
-        frequencies(setup, environment, relative_sd(users), within),
-        central=scene.verdict.central,
-        decision=scene.inference.decision,
-    )
-    return setup, found
-
-
-def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvidence:
-    by_central = zip(CENTRALS, found.by_central, strict=True)
-    return PosteriorEvidence(
-        outcome=found.outcome(decision, subjects),
-        probability=found.probability,
-        error=found.error,
-        draws=found.draws,
-        straddles=not found.clear_of(decision),
-        magnitude=found.magnitude,
-        plane=found.plane,
-        by_central=tuple(CentralProbability(*pair) for pair in by_central),
-        lowest=found.lowest,
-        lowest_omega=found.lowest_omega,
-    )
-
-
-def _stable_and_real(
-    setup: Setup, shown: Display, found: Evidence, *, stable: bool | None
-) -> float | None:
-    """Return the probability that a display is stable in time and feels real.
-
-    Of a device that is a posterior's draws by these; else None where stability is undecided.
-    """
-    if setup.draws is None:
-        return None if stable is None else found.probability * stable
-    margins = margins_of_draws(setup.draws, setup.loop, shown.environment, shown.coupling)
-    # Of devices with modes fewer have a margin than there are draws.
-    judged = min(margins.size, found.draws)
-    both = found.real[:judged] & (margins[:judged] > 1.0)
-    return float(both.mean())
-
-
-def _confidences(found: Confidence, family: Family, decision: float) -> Confidences:
-    return Confidences(
-        outcome=found.verdict(decision),
-        family=family,
-        least=min(found.parts),
-        stiffness=found.stiffness,
-        damping=found.damping,
-        magnitude=found.magnitude,
-        magnitude_omega=found.magnitude_omega,
-        together=found.together,
-        together_error=found.together_error,
-    )
 
 
 def verdict_table(verdicts: Sequence[Verdict], rendering: Sequence[Rendered]) -> pd.DataFrame:

@@ -20,8 +20,8 @@ from scipy import special
 from scipy.optimize import brentq
 
 from percept import Scene, Sessions, Study
-from percept.boundary.confidence import Confidence, SubjectPairs, confidence
-from percept.boundary.feels_real import search_grid, search_scores
+from percept.boundary.confidence import Confidence, confidence, fiducial_users
+from percept.boundary.feels_real import feels_real, search_grid, search_scores
 from percept.boundary.shares import Users
 from percept.checkpoint import Checkpoint, Line
 from percept.errors import UsageError
@@ -144,8 +144,11 @@ def magnitude_study(n: int, place: str, index: int) -> Line:
     values = CENTRE + SDS * rng.standard_normal((n, 2))
     display = display_at(PLACES[place] * edge_score())
     omega = searched(display, float(SDS[0]))
-    pairs = SubjectPairs(values, log=True)
-    found = confidence(display, pairs, omega, central=LEVEL, decision=DECISION, rng=rng)
+    users = fiducial_users(values, log=True, rng=rng)
+    assert users is not None
+    likely = feels_real(display, users, omega, central=LEVEL, decision=DECISION)
+    moments = Moments.from_values(values[:, 0]), Moments.from_values(values[:, 1])
+    found = confidence(display, *moments, omega, central=LEVEL, log=True, magnitude=likely)
     assert found.magnitude is not None
     alone = Confidence(found.magnitude, found.magnitude, n)
     return {"magnitude": alone.verdict(DECISION), "all": found.verdict(DECISION)}

@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.boundary.confidence import (
-    Confidence,
-    SubjectPairs,
-    confidence,
-    limits_confidence,
-)
-from percept.boundary.feels_real import search_grid
+from percept.boundary.confidence import Confidence, confidence, fiducial_users
+from percept.boundary.feels_real import feels_real, search_grid
 from percept.errors import RefusalError
 from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.perceived import Display
@@ -35,10 +30,12 @@ def subjects(n, *, bias=(0.0, 0.0), seed=1):
 
 
 def judged(values, display=DISPLAY):
-    rng = np.random.default_rng(1)
-    return confidence(
-        display, SubjectPairs(values, log=True), OMEGA, central=LEVEL, decision=DECISION, rng=rng
-    )
+    users = fiducial_users(values, log=True, rng=np.random.default_rng(1))
+    likely = None
+    if users is not None:
+        likely = feels_real(display, users, OMEGA, central=LEVEL, decision=DECISION)
+    moments = [Moments.from_values(column) for column in values.T]
+    return confidence(display, *moments, OMEGA, central=LEVEL, log=True, magnitude=likely)
 
 
 def test_stiffness_and_damping_are_those_of_the_noncentral_t():
@@ -64,15 +61,6 @@ def test_two_subjects_have_no_verdict_of_the_magnitude():
     assert found.magnitude is None
     assert found.together is None
     assert found.parts == (found.stiffness, found.damping)
-
-
-def test_published_limits_judge_stiffness_and_damping_alone():
-    values = subjects(6)
-    stiffness = Moments.from_values(values[:, 0])
-    damping = Moments.from_values(values[:, 1])
-    published = limits_confidence(DISPLAY, stiffness, damping, OMEGA, central=LEVEL, log=True)
-    assert published.magnitude is None
-    assert published.parts == judged(values).parts[:2]
 
 
 def test_subjects_about_the_wall_decide_and_few_do_not():
@@ -115,7 +103,7 @@ def said(display, centre, sd, n, studies):
     verdicts = []
     for values in centre + sd * rng.standard_normal((studies, n, 2)):
         moments = [Moments.from_values(column) for column in values.T]
-        found = limits_confidence(display, *moments, OMEGA, central=LEVEL, log=True)
+        found = confidence(display, *moments, OMEGA, central=LEVEL, log=True)
         verdicts.append(found.verdict(DECISION))
     return [verdicts.count(verdict) / studies for verdict in ("feels real", "does not")]
 

@@ -15,7 +15,6 @@ from percept.study.verdicts import frequencies, relative_sd
 from tests import DATASETS, LONG
 
 PERIOD = 0.001
-RANGE = (0.1, 100.0)  # rad/s
 
 
 def evidence(study, environment, coupling, *, draws, device=None):
@@ -24,7 +23,7 @@ def evidence(study, environment, coupling, *, draws, device=None):
     if device is not None:
         setup = setup.with_device(device)
     users = study.map_users.draws[environment]
-    omega = frequencies(setup, environment, relative_sd(users), RANGE)
+    omega = frequencies(setup, environment, relative_sd(users), study.scene)
     display = setup.display(environment, coupled=coupling is not None)
     return feels_real(display, users.select(slice(0, draws)), omega, central=0.99, decision=0.95)
 
