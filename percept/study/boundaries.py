@@ -4,19 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import suppress
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.boundary.limits import (
-    Magnitude,
-    MagnitudeLimits,
-    level_of,
-    relative_error,
-    score_of,
-)
+from percept.boundary.limits import Magnitude, MagnitudeLimits, level_of, relative_error, score_of
 from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
 from percept.haptics.loop import log_grid
@@ -78,102 +70,89 @@ class _Frame:
 
 
 class _LawCurves:
-    """Limits of abs(Z_h) of one law at frequencies (M,), rad/s.
+    """Limits of abs(Z_h) of one law at frequencies (M,), rad/s, by their shape.
 
-    The level of a simultaneous band is that of the environment's own grid, `on_grid`; None there.
     Bayesian limits average over the device's posterior. A classical level counts repetitions of the
     study, and a posterior has none.
+
+    Parameters
+    ----------
+    setup, law, omega
+        What they are of, and where.
+    on_grid : _LawCurves, optional
+        The same curves on the environment's own grid, from which a simultaneous band takes its
+        level; None there.
     """
 
     def __init__(
         self, setup: Setup, law: Law, omega: Array, on_grid: _LawCurves | None = None
     ) -> None:
-        self.law = law
-        self.omega = omega
         self._setup = setup
-        self._on_grid = on_grid or self
-        self._magnitude = self._new_magnitude()
+        self._law = law
+        self._omega = omega
+        self._devices: DeviceCurves | None = None
+        if setup.draws is not None and law.method == "bayesian":
+            self._devices = DeviceCurves(setup, law, omega)
+        # Of a Bayesian simultaneous band, the device at its point; and the SDs by which its
+        # posterior moves that level out.
+        self.level: SimultaneousLevel | None = on_grid.level if on_grid else None
+        self.widening: float = on_grid.widening if on_grid else 0.0
+        self.limits: dict[Shape, MagnitudeLimits] = {}
+        self.refused: dict[Shape, str] = {}
+        try:
+            magnitude = self._magnitude()
+            self.limits["pointwise"] = self._pointwise(magnitude)
+            self.limits["simultaneous"] = self._simultaneous(magnitude)
+        except RefusalError as error:
+            for shape in _LAW_SHAPES:
+                if shape not in self.limits:
+                    self.refused[shape] = error.message.removesuffix(".")
+        # It takes 30 MB.
+        del self._devices
 
-    def _new_magnitude(self) -> Magnitude:
-        mass = float(self._setup.references[self.law.environment].mass)
-        return Magnitude(self.law.pair, self._setup.loop, self.omega, mass=mass)
+    def _magnitude(self) -> Magnitude:
+        mass = float(self._setup.references[self._law.environment].mass)
+        return Magnitude(self._law.pair, self._setup.loop, self._omega, mass=mass)
 
-    @cached_property
-    def level(self) -> SimultaneousLevel:
-        """Level of a simultaneous band, the device at its point."""
-        if self._on_grid is not self:
-            return self._on_grid.level
-        return simultaneous_level(self._magnitude, self.law.level)
-
-    @cached_property
-    def _devices(self) -> DeviceCurves | None:
-        if self._setup.draws is None or self.law.method == "classical":
-            return None
-        return DeviceCurves(self._setup, self.law, self.omega)
-
-    @cached_property
-    def widening(self) -> float:
-        """By how many SDs the device's posterior moves the level of a band out."""
-        if self._on_grid is not self:
-            return self._on_grid.widening
-        if self._devices is None:
-            return 0.0
-        least = score_of(self.law.level) - score_of(self.level.level)
-        return max(self._devices.widening(self.law.level), least)
-
-    @property
-    def pointwise_level(self) -> float:
-        """Level of a simultaneous band at single frequencies."""
-        level = self.level.level
-        return level_of(score_of(level) + self.widening) if self.widening else level
-
-    @cached_property
-    def pointwise(self) -> MagnitudeLimits:
-        """Limits at single frequencies."""
-        limits = self._magnitude.limits(self.law.level)
+    def _pointwise(self, magnitude: Magnitude) -> MagnitudeLimits:
+        """Return limits at single frequencies."""
+        limits = magnitude.limits(self._law.level)
         if self._devices is None:
             return limits
-        return self._devices.averaged(limits, score_of(self.law.level))
+        return self._devices.averaged(limits, score_of(self._law.level))
 
-    @cached_property
-    def simultaneous(self) -> MagnitudeLimits:
-        """Limits between which whole curves lie; RefusalError where there are none."""
-        law = self.law
+    def _simultaneous(self, magnitude: Magnitude) -> MagnitudeLimits:
+        """Return limits between which whole curves lie."""
+        law = self._law
         if law.method == "classical":
             # What holds (k, b) holds the whole curve. A calibrated level of the t law covers too
             # little: 87 % of users where 90 % is stated.
             if law.region is None:
                 raise RefusalError("the subjects' values give no ellipse.")
-            around = self._setup.outline(law.region, "envelope", self.omega)
-            return self.pointwise.joined(MagnitudeLimits(*around))
-        # The search for the level has solved for many scores, and interpolates between them. A
-        # single one before would be too few.
-        magnitude = self._magnitude if self._on_grid is self else self._new_magnitude()
+            around = self._setup.outline(law.region, "envelope", self._omega)
+            return self.limits["pointwise"].joined(MagnitudeLimits(*around))
+        if self.level is None:
+            # The search for the level solves for many scores, and interpolates between them.
+            self.level = simultaneous_level(magnitude, law.level)
+            if self._devices is not None:
+                least = score_of(law.level) - score_of(self.level.level)
+                self.widening = max(self._devices.widening(law.level), least)
+        else:
+            # A single score that was solved before would be too few.
+            magnitude = self._magnitude()
         limits = magnitude.limits(self.level.level, self.level.shifts)
         if self._devices is None:
             return limits
         score = score_of(self.level.level)
-        return self._devices.averaged(limits, score, self.widening).joined(self.pointwise)
+        averaged = self._devices.averaged(limits, score, self.widening)
+        return averaged.joined(self.limits["pointwise"])
 
-    def finished(self) -> _LawCurves:
-        """Work out both limits where there are any, and let go of what takes 30 MB."""
-        with suppress(RefusalError):
-            _ = self.pointwise, self.simultaneous
-        vars(self).pop("_devices", None)
-        return self
-
-    def refusal(self, shape: Shape, most: float) -> str:
-        """Say why curves are not drawn: no limits, or an error beyond `most`; empty if they are."""
-        try:
-            error = relative_error(self.omega, getattr(self, shape))
-        except RefusalError as refused:
-            return refused.message.removesuffix(".")
-        if error is None or error <= most:
-            return ""
-        return (
-            f"their Monte Carlo error is {error:.2g} of the half-width,"
-            f" and curves are drawn up to {most:.2g}"
-        )
+    @property
+    def pointwise_level(self) -> float | None:
+        """Level of a Bayesian simultaneous band at single frequencies."""
+        if self.level is None or not self.widening:
+            return self.level.level if self.level else None
+        return level_of(score_of(self.level.level) + self.widening)
 
 
 class BoundaryDrawing:
@@ -206,7 +185,7 @@ class BoundaryDrawing:
         self._laws = laws
         self._table = table
         self._largest_error = _MOST_TOLERANCES * tolerance
-        self._grids: dict[str, Array] = {}
+        self._frames: dict[str, _Frame] = {}
         self._on_grid: dict[Law, _LawCurves] = {}
 
     def at(
@@ -219,7 +198,9 @@ class BoundaryDrawing:
         """Draw boundaries at frequencies (M,), rad/s, or on the environments' own grids."""
         boundaries: list[Boundary] = []
         for environment in environments:
-            frame = self._frame(environment, omega)
+            frame = (
+                self._own_frame(environment) if omega is None else self._frame(environment, omega)
+            )
             for region in self._regions:
                 chosen = region.kind in kinds and region.joint in joints
                 if region.environment == environment and chosen:
@@ -235,19 +216,19 @@ class BoundaryDrawing:
         """Curves of laws that are not drawn, and why."""
         found = []
         for law in self._laws:
+            refused = self._curves(law).refused
             for shape in _LAW_SHAPES:
-                reason = self._curves(law).refusal(shape, self._largest_error)
-                if reason:
-                    found.append(Skipped(_name(law, shape), reason))
+                if shape in refused:
+                    found.append(Skipped(_name(law, shape), refused[shape]))
         return found
 
-    def grid(self, environment: str) -> Array:
-        """Return the frequencies that all curves of an environment are drawn at, rad/s."""
-        if environment not in self._grids:
-            self._grids[environment] = self._new_grid(environment)
-        return self._grids[environment]
+    def _own_frame(self, environment: str) -> _Frame:
+        """Return what all curves of an environment share on its own grid."""
+        if environment not in self._frames:
+            self._frames[environment] = self._frame(environment, self._grid(environment))
+        return self._frames[environment]
 
-    def _new_grid(self, environment: str) -> Array:
+    def _grid(self, environment: str) -> Array:
         lower = self._table.lower
         upper = self._table.upper
         if self._table.points:
@@ -259,36 +240,45 @@ class BoundaryDrawing:
         finite &= np.isfinite(self._setup.curve(environment, omega, coupled=True))
         return omega[finite]
 
+    def _frame(self, environment: str, omega: Array) -> _Frame:
+        reference = self._setup.curve(environment, omega, coupled=False)
+        coupled = None
+        if self._setup.coupling is not None:
+            coupled = self._setup.curve(environment, omega, coupled=True)
+        return _Frame(omega, reference, coupled)
+
     def _curves(self, law: Law) -> _LawCurves:
         """Return a law's curves on the grid of its environment."""
         if law not in self._on_grid:
-            curves = _LawCurves(self._setup, law, self.grid(law.environment))
-            self._on_grid[law] = curves.finished()
+            omega = self._own_frame(law.environment).omega
+            curves = _LawCurves(self._setup, law, omega)
+            for shape, limits in curves.limits.items():
+                error = relative_error(omega, limits)
+                if error is not None and error > self._largest_error:
+                    curves.refused[shape] = (
+                        f"their Monte Carlo error is {error:.2g} of the half-width,"
+                        f" and curves are drawn up to {self._largest_error:.2g}"
+                    )
+            self._on_grid[law] = curves
         return self._on_grid[law]
 
-    def _frame(self, environment: str, omega: Array | None) -> _Frame:
-        grid = self.grid(environment) if omega is None else omega
-        reference = self._setup.curve(environment, grid, coupled=False)
-        coupled = None
-        if self._setup.coupling is not None:
-            coupled = self._setup.curve(environment, grid, coupled=True)
-        return _Frame(grid, reference, coupled)
-
     def _around(self, region: Region, frame: _Frame) -> Iterator[Boundary]:
-        for shape in _shapes(region):
+        # An ellipse has no corners.
+        shapes: tuple[Shape, ...] = ("corner", "envelope") if region.limits else ("envelope",)
+        for shape in shapes:
             limits = MagnitudeLimits(*self._setup.outline(region, shape, frame.omega), None)
             yield _boundary(region, region.joint, shape, limits, frame)
 
     def _of_law(self, law: Law, frame: _Frame) -> Iterator[Boundary]:
         """Yield the limits at single frequencies, and those between which whole curves lie."""
         curves = on_grid = self._curves(law)
-        if frame.omega is not on_grid.omega:
+        if frame is not self._own_frame(law.environment):
             curves = _LawCurves(self._setup, law, frame.omega, on_grid)
-        for shape in _LAW_SHAPES:
-            if on_grid.refusal(shape, self._largest_error):
+        for shape, limits in curves.limits.items():
+            if shape in on_grid.refused:
                 continue
-            boundary = _boundary(law, "joint", shape, getattr(curves, shape), frame)
-            if shape == "simultaneous" and law.method == "bayesian":
+            boundary = _boundary(law, "joint", shape, limits, frame)
+            if shape == "simultaneous" and curves.level is not None:
                 boundary = dataclasses.replace(
                     boundary,
                     pointwise_level=curves.pointwise_level,
@@ -321,11 +311,6 @@ def _name(law: Law, shape: Shape) -> str:
     if law.method == "bayesian":
         return f"{shape} Bayesian curves of {law.environment}, kind {law.kind}"
     return f"{shape} classical curves of {law.environment}, kind {law.kind}, {law.family}"
-
-
-def _shapes(region: Region) -> tuple[Shape, ...]:
-    """Return the curves that go around a region: an ellipse has no corners."""
-    return ("corner", "envelope") if region.ellipse is None else ("envelope",)
 
 
 def band_pairs(boundaries: Collection[Boundary]) -> Iterator[BandPair]:
