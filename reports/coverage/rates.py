@@ -147,10 +147,11 @@ def magnitude_study(n: int, place: str, index: int) -> Line:
     users = fiducial_users(values, log=True, rng=rng)
     assert users is not None
     likely = feels_real(display, users, omega, central=LEVEL, decision=DECISION)
-    moments = Moments.from_values(values[:, 0]), Moments.from_values(values[:, 1])
-    found = confidence(display, *moments, omega, central=LEVEL, log=True, magnitude=likely)
-    assert found.magnitude is not None
-    alone = Confidence(found.magnitude, found.magnitude, n)
+    stiffness, damping = map(Moments.from_values, values.T)
+    found = confidence(
+        display, stiffness, damping, omega, central=LEVEL, log=True, magnitude=likely
+    )
+    alone = Confidence(likely.lowest, likely.lowest, n)
     return {"magnitude": alone.verdict(DECISION), "all": found.verdict(DECISION)}
 
 
