@@ -73,15 +73,8 @@ class _LawCurves:
     """Limits of abs(Z_h) of one law at frequencies (M,), rad/s, by their shape.
 
     Bayesian limits average over the device's posterior. A classical level counts repetitions of the
-    study, and a posterior has none.
-
-    Parameters
-    ----------
-    setup, law, omega
-        What they are of, and where.
-    on_grid : _LawCurves, optional
-        The same curves on the environment's own grid, from which a simultaneous band takes its
-        level; None there.
+    study, and a posterior has none. A simultaneous band takes its level from the same curves on the
+    environment's own grid, `on_grid`; None there.
     """
 
     def __init__(
