@@ -301,7 +301,8 @@ def check_columns(
         hints.append("References can stand in [environments].")
     if header.paths:
         hints.append(f"Or run: percept new scene.toml --from {shlex.join(header.paths)}")
-    message = f"there is no column for {names}; the columns are {shown(header.names)}."
+    alike = did_you_mean(missing[0].split(" ")[0], set(header.names) - present)
+    message = f"there is no column for {names}; the columns are {shown(header.names)}.{alike}"
     kind = UsageError if present & {*numbers_of(options.quantities)} else NoDataError
     raise header.error(message, missing[0].split(" ")[0], " ".join(hints), kind)
 

@@ -182,7 +182,7 @@ def _matched(columns: Sequence[_Column]) -> _Roles:
     references = list(_of_role(columns, "reference", "adjusted"))
     partners = [[other for other in references if _share(other[0], own[0])] for own in adjusted]
     claimed = [other[1].name for others in partners for other in others]
-    roles: _Roles = {}
+    roles = _of_own_names(columns)
     for (_, column), others in zip(adjusted, partners, strict=True):
         if len(others) == 1 and claimed.count(others[0][1].name) == 1:
             stem, reference = others[0]
@@ -195,6 +195,17 @@ def _matched(columns: Sequence[_Column]) -> _Roles:
         name = _quantity((), column.unit)
         return {f"{name}_ref": None, f"{name}_adj": column}
     return {"response_ref": None, "response_adj": None}
+
+
+def _of_own_names(columns: Sequence[_Column]) -> _Roles:
+    """Give percept's own names their columns; where one is there, its partner is asked for."""
+    named = {column.name: column for column in columns}
+    roles: _Roles = {}
+    for quantity in IMPEDANCE:
+        pair = {name: named.get(name) for name in (f"{quantity}_ref", f"{quantity}_adj")}
+        if any(pair.values()):
+            roles |= pair
+    return roles
 
 
 def _of_role(

@@ -35,6 +35,11 @@ def test_one_declared_environment_needs_no_column(tmp_path):
         read(tmp_path, text, environments=two)
 
 
+def test_a_mistyped_column_is_named(tmp_path):
+    with pytest.raises(UsageError, match=r"no column for k_adj; .* Did you mean k_ajd"):
+        read(tmp_path, "subject,environment,k_ref,b_ref,k_ajd,b_adj\n1,a,5,2,6,3\n")
+
+
 def test_a_name_of_the_file_goes_before_the_values_of_a_reference(tmp_path):
     text = "subject,k_ref,k_adj\n1,300,310\n2,300,290\n"
     found = read(tmp_path, text, name="soft.csv", sessions={"filename": "{environment}"})

@@ -64,6 +64,9 @@ OF_NAMES = {
     "Part_ID,wall_soft,wall_hard": (
         "subject=Part_ID environment=? response_ref=? response_adj=?"
     ),
+    "subject,environment,k_ref,b_ref,stiff_adj,b_adj": (
+        "subject=subject environment=environment k_ref=k_ref k_adj=? b_ref=b_ref b_adj=b_adj"
+    ),
     "c1,c2,c3": "subject=? environment=? response_ref=? response_adj=?",
 }  # fmt: skip
 
