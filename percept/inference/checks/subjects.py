@@ -25,6 +25,7 @@ from percept.inference.model.blocks import Block
 from percept.inference.model.gaussian import SubjectCovariance
 from percept.inference.model.model import LinearModel
 from percept.inference.model.subjects import SubjectLaws, subject_laws, trial_groups
+from percept.inference.model.trials import trial_scatter
 
 __all__ = ["LeftOut", "SubjectDensity"]
 
@@ -75,13 +76,10 @@ class SubjectDensity:
     ) -> None:
         self.density = density
         self._means = density.statistics.cell_means
-        subjects, self.parameters, self.environments = self._means.shape
-        shape = (subjects, self.environments)
-        cell = subject * self.environments + environment
-        counts = np.bincount(cell, minlength=subjects * self.environments)
-        self._counts = counts.reshape(shape)
-        deviation = response - self._means[subject, :, environment]
-        self._scatter = _CellScatter.of(deviation, cell, shape)
+        _, self.parameters, self.environments = self._means.shape
+        self._scatter = trial_scatter(response, subject, environment)
+        #: (T, N) Whether a group of trials is of a subject
+        self._of_subject = np.equal.outer(self._scatter.subject, np.arange(self.subjects))
 
     @property
     def subjects(self) -> int:
@@ -91,8 +89,7 @@ class SubjectDensity:
     @property
     def degrees(self) -> Array:
         """Numbers a subject contributes: cells times parameters, shape (N,)."""
-        cells = (self._counts > 0).sum(axis=1)
-        return cells * float(self.parameters)
+        return self._of_subject.sum(axis=0) * float(self.parameters)
 
     def batches(self, points: Array) -> Iterator[tuple[slice, SubjectLaws]]:
         """Cut draws (S, d), with the laws of each cut: temporaries stay small."""
@@ -141,21 +138,13 @@ class SubjectDensity:
         """Log density of trials about their cell means, (W, N); zero without repeats."""
         if groups is None:
             return 0.0
-        trial = groups[trial_groups(self.density)]  # (N, J, W)
-        first = self._scatter.first[..., None]
-        squares = first / trial.leading
-        if trial.slope is not None:
-            tilt = self._scatter.slope[..., None] - trial.slope
-            rest = self._scatter.rest[..., None] + first * tilt * tilt
-            squares = squares + rest / trial.rest
-        extra = np.maximum(self._counts - 1.0, 0.0)
-        log_counts = np.log(np.maximum(self._counts, 1))
-        constant = extra.sum(axis=1) * _LOG_2PI
-        constant = constant + log_counts.sum(axis=1)
-        constant = self.parameters * constant[:, None]
-        determinants = np.einsum("nj,njw->nw", extra, trial.log_determinant())
-        log_density = squares.sum(axis=1) + determinants + constant
-        return -0.5 * log_density.T
+        scatter = self._scatter
+        trial = groups[trial_groups(self.density)[scatter.subject, scatter.cell]]  # (T, W)
+        minus_twice = trial.distance(tuple(scatter.rows[..., None]))
+        minus_twice += scatter.df[:, None] * trial.log_determinant()
+        constant = scatter.df * _LOG_2PI + np.log(scatter.df + 1.0)
+        minus_twice += self.parameters * constant[:, None]
+        return -0.5 * (minus_twice.T @ self._of_subject)
 
 
 class _Given(NamedTuple):
@@ -209,9 +198,10 @@ def _squares(columns: Array) -> Array:
 
 def _variances(noise: Block, effects: Array) -> Array:
     """Variances of a subject's cell means about the locations, (P, E, W)."""
-    own = np.stack(noise.diagonal())
+    # Of two parameters the first and the last entry are variances.
+    own = noise.entries()[:: effects.shape[1]]
     shared = np.einsum("qpew,qpew->pew", effects, effects)
-    return own + shared
+    return np.stack(own) + shared
 
 
 def _factor(matrices: Array) -> Array:
@@ -249,41 +239,3 @@ def _whitened(covariance: SubjectCovariance, vectors: Array) -> Array:
         rows += [part.reshape(count, -1, width) for part in piece]
     stacked = np.concatenate(rows, axis=1)
     return stacked.transpose(2, 1, 0)
-
-
-@dataclass(frozen=True, eq=False)
-class _CellScatter:
-    """Scatter between trials of every cell, (N, J), as a regression on the first parameter."""
-
-    first: Array  # Sum of squares of the first parameter
-    slope: Array  # Of the second parameter on the first
-    rest: Array  # Sum of squares that leaves of the second
-
-    @classmethod
-    def of(
-        cls,
-        deviation: Array,
-        cell: Indices,
-        shape: tuple[int, int],
-    ) -> _CellScatter:
-        """Sum over trials: deviations (trials, P) and the number of the cell of each."""
-        cells = math.prod(shape)
-
-        def total(values: Array) -> Array:
-            sums = np.bincount(cell, weights=values, minlength=cells)
-            return np.asarray(sums, dtype=float)
-
-        first = total(deviation[:, 0] ** 2)
-        slope = np.zeros_like(first)
-        rest = np.zeros_like(first)
-        if deviation.shape[1] > 1:
-            cross = total(deviation[:, 0] * deviation[:, 1])
-            np.divide(cross, first, out=slope, where=first > 0)
-            explained = slope[cell] * deviation[:, 0]
-            residual = deviation[:, 1] - explained
-            rest = total(residual**2)
-        return cls(
-            first=first.reshape(shape),
-            slope=slope.reshape(shape),
-            rest=rest.reshape(shape),
-        )

@@ -6,10 +6,6 @@ w left over, so that A = F F' with F = [[1, 0], [g, 1]] diag(√v, √w). Sums, 
 and distances then need positive terms only, and a correlation of 1 - 1e-9 keeps the digits that
 ``v1*v2 - c*c`` would lose.
 
-The first parameter leads a covariance. The inverse of a regression of the second on the first is a
-regression of the first on the second, so the second parameter leads a precision. Blocks that are
-added have the same parameter leading.
-
 Cholesky factors have their axes first and draws last, (K, K, ...), and vectors (K, ...). A loop
 over rows with whole arrays of draws takes 0.6 to 1 of the time of LAPACK, which needs copies with
 the draws first, measured for K from 14 to 128 and 256 draws.
@@ -18,7 +14,6 @@ the draws first, measured for K from 14 to 128 and 256 draws.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,7 +23,6 @@ __all__ = [
     "Block",
     "Vector",
     "block",
-    "entries",
     "log_diagonal",
     "lower_factor",
     "solve_lower",
@@ -43,94 +37,73 @@ Vector = tuple[Array, ...]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Block:
-    """A covariance per entry, or a precision, in which the second parameter leads."""
+    """A covariance of one or two parameters per entry."""
 
-    variances: Vector  # Of the leading parameter, and of the other what the leading one leaves
-    slope: Array | None = None  # Of the other on the leading one; none of a single parameter
-    precision: bool = False  # Whether the second parameter leads
-
-    @property
-    def leading(self) -> Array:
-        """Variance of the leading parameter."""
-        return self.variances[0]
-
-    @property
-    def rest(self) -> Array:
-        """Variance that the leading parameter leaves of the other."""
-        return self.variances[1]
-
-    def mapped(self, change: Callable[[Array], Array]) -> Block:
-        """Change the layout of the entries."""
-        variances = tuple(change(part) for part in self.variances)
-        slope = None if self.slope is None else change(self.slope)
-        return Block(variances, slope, self.precision)
+    variances: Vector  # Of the first parameter, and of the second what the first leaves
+    slope: Array | None = None  # Of the second on the first; none of a single parameter
 
     def __getitem__(self, key: Any) -> Block:
-        return self.mapped(lambda part: part[key])
-
-    def _with(self, *variances: Array, slope: Array | None = None) -> Block:
-        """Return a block in which the same parameter leads."""
-        return Block(variances, slope, self.precision)
-
-    def _leading_first(self, r: Vector) -> Vector:
-        """Swap the components where the second parameter leads; twice changes nothing."""
-        return r[::-1] if self.precision else r
+        slope = None if self.slope is None else self.slope[key]
+        return Block(tuple(part[key] for part in self.variances), slope)
 
     def __add__(self, other: Block) -> Block:
-        v1 = self.leading
-        v2 = other.leading
+        v1 = self.variances[0]
+        v2 = other.variances[0]
         v = v1 + v2
         if self.slope is None or other.slope is None:
-            return self._with(v)
+            return Block((v,))
         difference = self.slope - other.slope
         share = v2 / v
         # The slope as a weighted mean: g1 - share (g1 - g2) would cancel where v2 is far above v1.
         weighted = v1 * self.slope + v2 * other.slope
-        slope = weighted / v
-        rest = self.rest + other.rest
+        rest = self.variances[1] + other.variances[1]
         rest = rest + v1 * share * difference * difference
-        return self._with(v, rest, slope=slope)
+        return Block((v, rest), weighted / v)
 
     def plus_diagonal(self, diagonal: Vector) -> Block:
-        """Return the sum with a diagonal block, given in the order of the parameters."""
-        added = self._leading_first(diagonal)
-        v = self.leading + added[0]
+        """Return the sum with a diagonal block."""
+        leading = self.variances[0]
+        v = leading + diagonal[0]
         if self.slope is None:
-            return self._with(v)
-        share = added[0] / v
+            return Block((v,))
         # v (g - s)² + d s² with s = g v/(v + d) is g² v d/(v + d), d the first variance added.
-        rest = self.rest + added[1]
+        rest = self.variances[1] + diagonal[1]
         squared_slope = self.slope * self.slope
-        rest = rest + squared_slope * self.leading * share
-        slope = self.slope * (self.leading / v)
-        return self._with(v, rest, slope=slope)
+        rest = rest + squared_slope * leading * (diagonal[0] / v)
+        return Block((v, rest), self.slope * (leading / v))
 
     def scaled(self, factor: Array | float) -> Block:
         """Return the block times a positive number per entry."""
-        variances = tuple(part * factor for part in self.variances)
-        return Block(variances, self.slope, self.precision)
-
-    def inverse(self) -> Block:
-        """Return the inverse block."""
-        other_leads = self.variances[::-1]
-        variances = tuple(1.0 / part for part in other_leads)
-        slope = None if self.slope is None else -self.slope
-        return Block(variances, slope, not self.precision)
+        return Block(tuple(part * factor for part in self.variances), self.slope)
 
     def log_determinant(self) -> Array:
         """Return the log determinant per entry."""
-        logs = [np.log(part) for part in self.variances]
-        return np.asarray(sum(logs))
+        return np.asarray(sum(np.log(part) for part in self.variances))
 
-    def apply(self, r: Vector) -> Vector:
-        """Return block times vector."""
+    def entries(self) -> list[Array]:
+        """Distinct entries: of the first parameter, of both, of the second."""
+        v = self.variances[0]
         if self.slope is None:
-            return (self.leading * r[0],)
-        first, second = self._leading_first(r)
-        explained = first + self.slope * second
-        leading = self.leading * explained
-        following = self.slope * leading + self.rest * second
-        return self._leading_first((leading, following))
+            return [v]
+        cross = v * self.slope
+        return [v, cross, self.variances[1] + cross * self.slope]
+
+    def precision_entries(self) -> list[Array]:
+        """Distinct entries of the inverse."""
+        of_first = 1.0 / self.variances[0]
+        if self.slope is None:
+            return [of_first]
+        of_second = 1.0 / self.variances[1]
+        cross = -of_second * self.slope
+        return [of_first - cross * self.slope, cross, of_second]
+
+    def solve(self, r: Vector) -> Vector:
+        """Return the inverse times a vector."""
+        if self.slope is None:
+            return (r[0] / self.variances[0],)
+        first, second = self._remainders(r)
+        second = second / self.variances[1]
+        return (first / self.variances[0] - self.slope * second, second)
 
     def _remainders(self, r: Vector) -> Vector:
         """Components of a vector, of the second what the first does not explain."""
@@ -140,37 +113,26 @@ class Block:
         return (first, second - self.slope * first)
 
     def whiten(self, r: Vector) -> Vector:
-        """Return F⁻¹r, where F is the lower factor of a covariance, FF' = A."""
-        remainders = self._remainders(r)
-        pairs = zip(remainders, self.variances, strict=True)
+        """Return F⁻¹r, where F is the lower factor, FF' = A."""
+        pairs = zip(self._remainders(r), self.variances, strict=True)
         return tuple(part / np.sqrt(variance) for part, variance in pairs)
 
     def distance(self, r: Vector) -> Array:
-        """Return the sum of r'A⁻¹r over the first axis of r, per entry of a covariance A."""
+        """Return the sum of r'A⁻¹r over the first axis of r, per entry."""
         distance: Array | float = 0.0
-        remainders = self._remainders(r)
-        for part, variance in zip(remainders, self.variances, strict=True):
+        for part, variance in zip(self._remainders(r), self.variances, strict=True):
             squares = np.einsum("k...,k...->...", part, part)
             distance = distance + squares / variance
         return np.asarray(distance)
 
     def factor_columns(self) -> list[Vector]:
-        """Return the columns of the lower factor F of a covariance."""
-        root = np.sqrt(self.leading)
+        """Return the columns of the lower factor F."""
+        roots = [np.sqrt(variance) for variance in self.variances]
         if self.slope is None:
-            return [(root,)]
-        rest = np.sqrt(self.rest)
-        nothing = np.zeros_like(root)
-        first = (root, self.slope * root)
-        second = (nothing, rest)
+            return [(roots[0],)]
+        first = (roots[0], self.slope * roots[0])
+        second = (np.zeros_like(roots[0]), roots[1])
         return [first, second]
-
-    def diagonal(self) -> Vector:
-        """Return the variances of a covariance, one array per parameter."""
-        if self.slope is None:
-            return self.variances
-        explained = self.slope * self.slope * self.leading
-        return (self.leading, self.rest + explained)
 
 
 def block(
@@ -192,16 +154,6 @@ def block(
     unexplained = one_minus_size * one_plus_size  # 1 - rho²
     ratio = sd[1] / sd[0]
     return Block((first, second * unexplained), rho * ratio)
-
-
-def entries(blocks: Block) -> list[Array]:
-    """Distinct entries of blocks: of the first parameter, of both, of the second."""
-    leading = blocks.leading
-    if blocks.slope is None:
-        return [leading]
-    cross = leading * blocks.slope
-    parts = [leading, cross, blocks.rest + cross * blocks.slope]
-    return parts[::-1] if blocks.precision else parts
 
 
 def lower_factor(matrices: Array, least: Array | None = None) -> Array:

@@ -198,8 +198,7 @@ class SubjectCovariance:
         self._noise = noise
         self._effects = effects
         by_quantity = np.moveaxis(effects, 1, 0)
-        precision = noise.inverse()
-        weighted = precision.apply(tuple(by_quantity))
+        weighted = noise.solve(tuple(by_quantity))
         #: (q, P, E, W) H.
         self._weighted_effects = np.stack(weighted, axis=1)
         products = np.einsum("apew,bpew->abw", effects, self._weighted_effects)

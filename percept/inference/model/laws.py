@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from percept.inference.model.blocks import entries
 from percept.inference.model.rows import Rows
 from percept.inference.model.scales import CellScales
 
@@ -229,7 +228,7 @@ class LinearLaw(Law):
         if self._rows.size == 2:
             products += [2.0 * first * last, last * last]
         by_entry = sparse.csr_array(np.concatenate(products, axis=1))
-        variance += by_entry @ np.concatenate(entries(self._scales.between))
+        variance += by_entry @ np.concatenate(self._scales.between.entries())
         return np.sqrt(variance).T
 
     def _of_cells(self, weights: Array) -> Array:

@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.model.blocks import Block, entries, with_prior
+from percept.inference.model.blocks import Block, with_prior
 from percept.inference.model.gaussian import (
     Eliminated,
     Latents,
@@ -178,9 +178,8 @@ class _Solution:
         columns = rows.columns.shape[1] + 1
         products = np.empty((count, count, rows.patterns, self._width))
         by_columns = np.empty((count, columns, rows.patterns, self._width))
-        precision = self._noise.inverse()
         for a, (number, column) in enumerate(self._effects):
-            weighted = np.stack(precision.apply(tuple(column)))  # H = D⁻¹Z, (P, kinds, W)
+            weighted = np.stack(self._noise.solve(tuple(column)))  # H = D⁻¹Z, (P, kinds, W)
             flat = weighted.reshape(-1, self._width)
             by_column = rows.effects_by_columns[number] @ flat
             by_columns[a] = by_column.reshape(by_columns.shape[1:])
@@ -199,7 +198,7 @@ class _Solution:
         rows = self._rows
         own = len(rows.own)
         rest = rows.columns.shape[1] - rows.deviations
-        precision = np.concatenate(entries(self._noise.inverse()))
+        precision = np.concatenate(self._noise.precision_entries())
         flat = np.asarray(rows.own_by_own @ precision)
         by_own = flat.reshape(own, own, rows.environments, self._width)
         flat = np.asarray(rows.own_by_rest @ precision)

@@ -40,15 +40,6 @@ def same(ours, wanted):
     close(ours.slope[0], g, max(abs(g), mp.sqrt(w / v)))
 
 
-def same_precision(ours, wanted):
-    """A precision regresses the first parameter on the second."""
-    v, g = wanted[1, 1], wanted[1, 0] / wanted[1, 1]
-    w = wanted[0, 0] - wanted[1, 0] ** 2 / wanted[1, 1]
-    close(ours.variances[0][0], v)
-    close(ours.variances[1][0], w)
-    close(ours.slope[0], g, max(abs(g), mp.sqrt(w / v)))
-
-
 @pytest.fixture(autouse=True)
 def digits():
     with mp.workdps(exact.DIGITS):
@@ -78,40 +69,37 @@ def test_sum(first, second):
 
 @settings(max_examples=60, deadline=None)
 @given(covariances(), exponents, exponents)
-def test_plus_diagonal_of_covariance_and_precision(one, d0, d1):
+def test_plus_diagonal(one, d0, d1):
     ours, wanted = one
     added = (10.0**d0, 10.0**d1)
-    arrays = tuple(np.array([a]) for a in added)
     with mp.workdps(exact.DIGITS):
         change = exact.matrix([[added[0], 0], [0, added[1]]])
-        same(ours.plus_diagonal(arrays), wanted + change)
-        same_precision(ours.inverse().plus_diagonal(arrays), wanted**-1 + change)
+        same(ours.plus_diagonal(tuple(np.array([a]) for a in added)), wanted + change)
 
 
 @settings(max_examples=60, deadline=None)
 @given(covariances(), st.floats(-3, 3), st.floats(-3, 3), st.floats(1e-3, 1e3))
-def test_inverse_determinant_products_and_factor(one, r0, r1, factor):
+def test_determinant_solution_entries_and_factor(one, r0, r1, factor):
     ours, wanted = one
-    r = (np.array([r0]), np.array([r1]))
     with mp.workdps(exact.DIGITS):
-        vector = exact.matrix([[r0], [r1]])
-        same_precision(ours.inverse(), wanted**-1)
         determinant = mp.log(wanted[0, 0] * wanted[1, 1] - wanted[0, 1] ** 2)
-        for value in (ours.log_determinant()[0], -ours.inverse().log_determinant()[0]):
-            # Logs of both variances: the parts may cancel, so the bound is relative to them.
-            close(value, determinant, 1 + sum(abs(mp.log(part[0])) for part in ours.variances))
-        product, back = wanted * vector, wanted**-1 * vector
+        # Logs of both variances: the parts may cancel, so the bound is relative to them.
+        size = 1 + sum(abs(mp.log(part[0])) for part in ours.variances)
+        close(ours.log_determinant()[0], determinant, size)
+        inverse = wanted**-1
+        solved = ours.solve((np.array([r0]), np.array([r1])))
+        solution = inverse * exact.matrix([[r0], [r1]])
         for i in range(2):
-            size = abs(wanted[i, 0] * vector[0]) + abs(wanted[i, 1] * vector[1])
-            close(ours.apply(r)[i][0], product[i], size or 1)
-            size = abs((wanted**-1)[i, 0] * vector[0]) + abs((wanted**-1)[i, 1] * vector[1])
-            close(ours.inverse().apply(r)[i][0], back[i], size or 1)
+            size = abs(inverse[i, 0] * mp.mpf(r0)) + abs(inverse[i, 1] * mp.mpf(r1))
+            close(solved[i][0], solution[i], size or 1)
+        for matrix, found in ((wanted, ours.entries()), (inverse, ours.precision_entries())):
+            for entry, (i, j) in zip(found, ((0, 0), (0, 1), (1, 1)), strict=True):
+                close(entry[0], matrix[i, j], mp.sqrt(matrix[i, i] * matrix[j, j]))
         columns = ours.factor_columns()
         for i in range(2):
             for j in range(2):
                 gram = mp.fsum(mp.mpf(float(c[i][0])) * mp.mpf(float(c[j][0])) for c in columns)
                 close(gram, wanted[i, j], mp.sqrt(wanted[i, i] * wanted[j, j]))
-            close(ours.diagonal()[i][0], wanted[i, i])
         same(ours.scaled(np.array([factor])), wanted * mp.mpf(factor))
 
 
@@ -137,10 +125,10 @@ def test_scalar_is_the_same_algebra_with_one_parameter():
     one = Block((v,))
     np.testing.assert_allclose((one + Block((more,))).variances[0], v + more)
     np.testing.assert_allclose(one.plus_diagonal((more,)).variances[0], v + more)
-    np.testing.assert_allclose(one.inverse().variances[0] * v, 1.0, rtol=1e-15)
-    np.testing.assert_allclose(one.apply((r,))[0], v * r)
+    np.testing.assert_allclose(one.precision_entries()[0] * v, 1.0, rtol=1e-15)
+    np.testing.assert_allclose(one.solve((r,))[0], r / v)
     np.testing.assert_allclose(one.whiten((r,))[0] ** 2, r * r / v)
     np.testing.assert_allclose(one.factor_columns()[0][0] ** 2, v)
     np.testing.assert_allclose(one.log_determinant(), np.log(v))
-    np.testing.assert_allclose(one.scaled(3.0).diagonal()[0], 3 * v)
+    np.testing.assert_allclose(one.scaled(3.0).entries()[0], 3 * v)
     np.testing.assert_array_equal(one[0].variances[0], v[0])
