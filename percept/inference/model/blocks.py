@@ -99,11 +99,12 @@ class Block:
 
     def solve(self, r: Vector) -> Vector:
         """Return the inverse times a vector."""
+        inverses = [1.0 / variance for variance in self.variances]
         if self.slope is None:
-            return (r[0] / self.variances[0],)
+            return (r[0] * inverses[0],)
         first, second = self._remainders(r)
-        second = second / self.variances[1]
-        return (first / self.variances[0] - self.slope * second, second)
+        second = second * inverses[1]
+        return (first * inverses[0] - self.slope * second, second)
 
     def _remainders(self, r: Vector) -> Vector:
         """Components of a vector, of the second what the first does not explain."""

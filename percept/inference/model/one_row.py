@@ -7,10 +7,6 @@ and Z the columns of a subject's effects,
     contrasts    N(0, D + ZZ')
     mean         N(X c + Z b/√N, D/N + OT²O')
 
-A fixed term and subjects' effects of the same columns differ in their covariances over the
-quantities alone. The density has one term in place of both, with the sum of the covariances, unless
-levels differ in the size of effects.
-
 X are the columns of fixed terms, O those of the environments' own deviations with SDs T. c and b
 are standard normal. The own deviations count as noise of the mean: blocks by environment. Whitened
 by it, Z/√N, X and the mean itself are few columns A, and all that is asked follows from a small
@@ -40,7 +36,7 @@ from percept.inference.model.blocks import (
     solve_upper,
     with_prior,
 )
-from percept.inference.model.design import Design, columns_by_quantity
+from percept.inference.model.design import Design
 from percept.inference.model.gaussian import Eliminated, Latents, SubjectCovariance
 from percept.inference.model.scales import CellScales
 from percept.inference.model.statistics import Statistics
@@ -107,13 +103,6 @@ class OneRow:
         self._own = own
         #: (f + 1, P, C) Fixed columns, and the subjects' mean.
         self._fixed_and_mean = np.concatenate([fixed, mean[None]])
-        #: Columns (k, P, C) of each term that fixed effects share with subjects', and the prior
-        #: variance of a coefficient.
-        self._shared: list[tuple[Array, Array]] = []
-        #: The others of `_fixed_and_mean`.
-        self._unshared_and_mean = self._fixed_and_mean
-        if not design.effect_size:
-            self._set_shared(design)
         #: (L, J) Cells of each environment.
         self._cells_of_environment = _cells_of_environment(design)
 
@@ -124,11 +113,11 @@ class OneRow:
         """
         noise = self._noise(scales)
         minus_twice = self._of_contrasts(noise, scales)
-        varying = self._varying_columns(scales)
+        effects = scales.effects / np.sqrt(self._subjects)
         if len(self._cells_of_environment) == 1:
-            rows, log_determinant = self._rows_of_single_cells(noise, scales, varying)
+            rows, log_determinant = self._rows_of_single_cells(noise, scales, effects)
         else:
-            own = self._regressed(noise, scales, varying, self._unshared_and_mean)
+            own = self._regressed(noise, scales, effects)
             rows = own.rows
             of_noise = noise.scaled(1.0 / self._subjects).log_determinant().sum(axis=0)
             log_determinant = of_noise + 2.0 * log_diagonal(own.factor).sum(axis=0)
@@ -145,7 +134,7 @@ class OneRow:
     def solve(self, scales: CellScales) -> Latents:
         """Own deviations, effects and fixed columns' coefficients that fit best, and their law."""
         effects = scales.effects / np.sqrt(self._subjects)
-        own = self._regressed(self._noise(scales), scales, effects, self._fixed_and_mean)
+        own = self._regressed(self._noise(scales), scales, effects)
         solved = Eliminated(own.factor, own.explained, _products(own.rows))
         return Latents(solved, own_first=True, rest=len(self._fixed_and_mean) - 1)
 
@@ -177,56 +166,30 @@ class OneRow:
         squares = covariance.scatter_distance(self._contrasts)
         return np.asarray(squares + others[0] * covariance.log_determinant())
 
-    def _varying_columns(self, scales: CellScales) -> Array:
-        """Columns of the density that differ between draws, (k, P, C, W)."""
-        if not self._shared:
-            return scales.effects / np.sqrt(self._subjects)
-        columns = []
-        for covariance, (term, variance) in zip(scales.covariances, self._shared, strict=True):
-            of_mean = covariance.scaled(1.0 / self._subjects[0])
-            whole = of_mean.plus_diagonal((variance,) * self._own.shape[1])
-            for root in whole.factor_columns():
-                columns += [column[..., None] * np.stack(root)[:, None] for column in term]
-        return np.stack(columns)
-
-    def _set_shared(self, design: Design) -> None:
-        """Find the terms that fixed effects share with subjects'."""
-        fixed = {term.name: term.columns for term in design.fixed}
-        for term in design.subject:
-            # Fixed columns are the same times the prior SD.
-            square = np.einsum("kpc,kpc->", term.columns, term.columns)
-            prior_sd = np.einsum("kpc,kpc->", term.columns, fixed.pop(term.name)) / square
-            self._shared.append((term.columns, np.square(prior_sd)))
-        left = tuple(term for term in design.fixed if term.name in fixed)
-        size, cells = design.cells.x.shape
-        unshared = columns_by_quantity(left, size, cells)
-        self._unshared_and_mean = np.concatenate([unshared, self._fixed_and_mean[-1:]])
-
     def _rows_of_single_cells(
         self,
         noise: Block,
         scales: CellScales,
-        varying: Array,
+        effects: Array,
     ) -> tuple[Array, Array]:
         """Whitened columns (K + 1, P C, W), and log det of their noise (W,): a cell is a block."""
         variances = np.einsum("apc,aw->pcw", self._own**2, self._own_sd(scales) ** 2)
         covariance = noise.scaled(1.0 / self._subjects).plus_diagonal(tuple(variances))
-        rows = _whitened(covariance, varying, self._unshared_and_mean)
+        rows = _whitened(covariance, effects, self._fixed_and_mean)
         return rows.reshape(len(rows), -1, rows.shape[-1]), covariance.log_determinant().sum(axis=0)
 
     def _regressed(
         self,
         noise: Block,
         scales: CellScales,
-        varying: Array,
-        constant: Array,
+        effects: Array,
     ) -> _Regressed:
         """Columns regressed on own deviations, environment by environment."""
         of_mean = noise.scaled(1.0 / self._subjects)
         columns = self._own[..., None] * self._own_sd(scales)[:, None, None]
         nothing = np.zeros((0, *self._own.shape[1:]))
         own = self._by_environment(_whitened(of_mean, columns, nothing))
-        others = self._by_environment(_whitened(of_mean, varying, constant))
+        others = self._by_environment(_whitened(of_mean, effects, self._fixed_and_mean))
         return _Regressed(own, others)
 
     def _by_environment(self, columns: Array) -> Array:
