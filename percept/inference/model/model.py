@@ -29,7 +29,7 @@ from percept.inference.model.design import (
 from percept.inference.model.laws import Joint, Law, LinearLaw, Moments, joined
 from percept.inference.model.one_row import OneRow, is_one_row
 from percept.inference.model.patterns import SeveralPatterns
-from percept.inference.model.priors import Named, Priors, draws_first
+from percept.inference.model.priors import Named, Priors
 from percept.inference.model.rows import Rows
 from percept.inference.model.scales import CellScales, Coordinates, Scales
 from percept.inference.model.statistics import Statistics
@@ -241,29 +241,16 @@ class LinearModel(Model):
 
     def scales(self, points: Array) -> Named:
         """Scales and correlations by name at coordinates: dimensions and values, draws first."""
-        parts = []
-        for part in self.passes(points):
-            parts.append(draws_first(self.linear_scales(part).named))
+        parts = [self.linear_scales(part).named for part in self.passes(points)]
         named: Named = {}
-        for name, (dimensions, _) in parts[0].items():
-            values = np.concatenate([part[name][1] for part in parts])
-            named[name] = (dimensions, values)
-        # The last dimension of these is not the environment.
-        last_dimensions = {"phi": "subject"}
-        for term in self.design.effect_size:
-            last_dimensions[f"eta:{term.name}"] = f"{term.name} column"
-        for name, last in last_dimensions.items():
-            if name in named:
-                _, values = named[name]
-                named[name] = (("parameter", last), values)
-        prior_means = {"": self.priors.log_s_mean, "_e": self.priors.log_s_e_mean}
+        for name, dimensions in self.coordinates.dimensions.items():
+            values = [np.moveaxis(part[name], -1, 0) for part in parts]
+            named[name] = (dimensions, np.concatenate(values))
         for level in self.coordinates.levels:
-            if f"log_s{level.suffix}" not in named:
-                continue
-            # Typical SDs themselves.
-            dimensions, deviation = named.pop(f"log_s{level.suffix}")
-            typical_sd = np.exp(prior_means[level.suffix] + deviation)
-            named[f"s{level.suffix}"] = (dimensions, typical_sd)
+            if f"log_s{level.suffix}" in named:
+                # Typical SDs themselves.
+                dimensions, deviation = named.pop(f"log_s{level.suffix}")
+                named[f"s{level.suffix}"] = (dimensions, np.exp(level.centre + deviation))
         return named
 
     def __call__(self, points: Array) -> Array:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from scipy import special
 
 from percept.errors import UsageError
 
-__all__ = ["LIMIT", "MEANINGS", "Named", "Priors", "correlation", "draws_first", "half_normal"]
+__all__ = ["LIMIT", "MEANINGS", "Named", "Priors", "correlation", "half_normal"]
 
 Array = NDArray[np.float64]
 #: Values by name, draws first, with the names of their other dimensions.
@@ -28,7 +27,6 @@ LIMIT = 35.0
 _FLOOR = 1e-70
 #: Where erfinv(ndtr(u)) begins to lose more than a digit's last unit.
 _FAR = 1.5
-_DIMENSIONS = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
 #: What each field of `Priors` is, for tables.
 MEANINGS = {
     "alpha_sd": "SD of the common bias alpha (response scale)",
@@ -96,13 +94,6 @@ class Priors:
                 raise UsageError(
                     "a prior scale must be positive.", key=name, value=value, hint=hint
                 )
-
-
-def draws_first(named: Mapping[str, Array]) -> Named:
-    """Name the dimensions of draws (..., W), and put the draws first."""
-    return {
-        name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in named.items()
-    }
 
 
 def half_normal(u: Array, scale: Array | float) -> Array:

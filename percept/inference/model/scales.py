@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,8 @@ from percept.inference.model.subject_spreads import SubjectSpreads
 __all__ = ["CellScales", "Coordinates", "Scales", "effect_columns"]
 
 Array = NDArray[np.float64]
+#: A dimension and its labels.
+Axis = tuple[str, Sequence[str]]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
@@ -113,8 +115,12 @@ class Coordinates:
         Of the d coordinates.
     slots : dict
         Coordinates of each scale.
+    dimensions : dict
+        What the axes of each scale are, by its name.
     limits : ndarray
         Distance from zero beyond which a coordinate has no mass, (d,).
+    own_slopes : tuple of str
+        Covariates of which subjects have slopes of their own.
     between, trial : CellSpreads
         Map of the SDs between subjects; of those between trials, None without repeats.
     """
@@ -125,9 +131,8 @@ class Coordinates:
         design: Design,
         priors: Priors,
     ) -> None:
-        #: Covariates of which subjects have slopes of their own.
-        self.own_slopes = statistics.covariates.within if statistics.covariates else ()
-        self._statistics = statistics
+        covariates = statistics.covariates
+        self.own_slopes = covariates.within if covariates is not None else ()
         self._design = design
         self._priors = priors
         self._scatter = statistics.scatter
@@ -145,15 +150,13 @@ class Coordinates:
                 )
         self.names: list[str] = []
         self.slots: dict[str, slice] = {}
+        self.dimensions: dict[str, tuple[str, ...]] = {}
+        self.limits = np.zeros(0)
         #: Scales of half-normal priors, by the names of the SDs.
         self._half_normals: dict[str, float] = {}
         #: Coordinates that are standard normal under the prior, whatever the rest.
         self._standard: list[int] = []
-        self._name_coordinates()
-        self.limits = self._limits()
-        # SDs under half-normal priors, and correlations, are mapped at once each.
-        scales = [[scale] * self._count(name) for name, scale in self._half_normals.items()]
-        self._half_normal_scale = np.concatenate([[], *scales])[:, None]
+        self._name_coordinates(statistics)
         self._correlations = [name for name in self.slots if name.startswith("rho")]
 
     @property
@@ -163,93 +166,83 @@ class Coordinates:
             return [self.between]
         return [self.between, self.trial]
 
-    def _name_coordinates(self) -> None:
+    def _name_coordinates(self, statistics: Statistics) -> None:
         """Give every coordinate its name, and every scale its coordinates."""
         design = self._design
         priors = self._priors
-        parameters = self._statistics.parameters
-        pair = len(parameters) == 2
+        quantities = ("parameter", statistics.parameters)
+        pair = design.parameters == 2
         for level in self.levels:
-            self._name_level(level)
+            self._name_level(level, quantities)
             if pair:
                 self._name(level.rho)
         if self._subject_spreads is not None:
-            self._name("phi", parameters, self._statistics.subjects, standard=False)
-            self._name("omega_s", parameters, half_normal=priors.omega_s_scale)
+            subjects = ("subject", statistics.subjects)
+            # A rough likelihood of weight w shortens the unit of a coordinate by √(1 + w).
+            unit = np.sqrt(1.0 + self._subject_spreads.weight.max())
+            self._name("phi", quantities, subjects, standard=False, unit=unit)
+            self._name("omega_s", quantities, half_normal=priors.omega_s_scale)
         own = [(_name_of("sigma", term), _name_of("rho", term)) for term in design.subject]
         own += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self.own_slopes]
         for sigma, rho in own:
-            self._name(sigma, parameters, half_normal=priors.sigma_u_scale)
+            self._name(sigma, quantities, half_normal=priors.sigma_u_scale)
             if pair:
                 self._name(rho)
         for term in design.deviation:
-            self._name(_name_of("tau", term), parameters, half_normal=priors.tau_scale)
+            self._name(_name_of("tau", term), quantities, half_normal=priors.tau_scale)
         for term in design.effect_size:
-            self._name(f"eta:{term.name}", parameters, numbered("column", len(term.columns)))
+            columns = (f"{term.name} column", numbered("column", len(term.columns)))
+            self._name(f"eta:{term.name}", quantities, columns)
 
-    def _name_level(self, level: CellSpreads) -> None:
+    def _name_level(self, level: CellSpreads, quantities: Axis) -> None:
         """Name the coordinates of log SDs, but for their correlation."""
-        parameters = self._statistics.parameters
+        sigma = f"sigma{level.suffix}"
+        self.dimensions[sigma] = ("parameter", "environment")
         if level.departures:
-            cells = self._design.cells.names
-            self._name(f"sigma{level.suffix}", parameters, cells, standard=False)
+            cells = ("environment", self._design.cells.names)
+            units = np.sqrt(1.0 + level.weight.ravel())
+            self._name(sigma, quantities, cells, standard=False, unit=units)
         for coefficient in level.coefficients:
-            self._name(coefficient, parameters)
+            self._name(coefficient, quantities)
         if level.departures and level.single_sd is None:
             scale = getattr(self._priors, f"omega{level.suffix}_scale")
-            self._name(f"omega{level.suffix}", parameters, half_normal=scale)
+            self._name(f"omega{level.suffix}", quantities, half_normal=scale)
 
     def _name(
         self,
         scale: str,
-        *axes: Sequence[str],
+        *axes: Axis,
         half_normal: float | None = None,
         standard: bool = True,
+        unit: Array | float = 1.0,
     ) -> None:
         """Append the coordinates of a scale, one for each combination of labels."""
         if half_normal is not None:
             self._half_normals[scale] = half_normal
         first = len(self.names)
-        for labels in itertools.product(*axes):
+        for labels in itertools.product(*(labels for _, labels in axes)):
             joined = ",".join(labels)
             self.names.append(f"{scale}[{joined}]" if joined else scale)
         end = len(self.names)
         self.slots[scale] = slice(first, end)
+        self.dimensions[scale] = tuple(dimension for dimension, _ in axes)
+        self.limits = np.append(self.limits, np.full(end - first, LIMIT * unit))
         if standard:
             self._standard += range(first, end)
-
-    def _limits(self) -> Array:
-        limits = np.full(len(self.names), LIMIT)
-        for level in self.levels:
-            # A rough likelihood of weight w shortens the unit of a coordinate by √(1 + w).
-            if level.departures:
-                units = np.sqrt(1.0 + level.weight.ravel())
-                limits[self.slots[f"sigma{level.suffix}"]] *= units
-        if self._subject_spreads is not None:
-            units = np.sqrt(1.0 + self._subject_spreads.weight.max())
-            limits[self.slots["phi"]] *= units
-        return limits
 
     def __call__(self, points: Array) -> Scales:
         """Map coordinates (W, d) to scales."""
         coordinates = np.ascontiguousarray(points.T)
         standard = coordinates[self._standard]
         squares = np.einsum("dw,dw->w", standard, standard)
-        constant = _LOG_2PI * len(standard)
-        log_prior = -0.5 * (squares + constant)
+        log_prior = -0.5 * (squares + _LOG_2PI * len(standard))
         named: dict[str, Array] = {}
-        sds = half_normal(self._rows(self._half_normals, coordinates), self._half_normal_scale)
-        first = 0
-        for name in self._half_normals:
-            last = first + self._count(name)
-            named[name] = sds[first:last]
-            first = last
+        for name, scale in self._half_normals.items():
+            named[name] = half_normal(coordinates[self.slots[name]], scale)
         rests: dict[str, Array] = {}
-        rows = self._rows(self._correlations, coordinates)
-        values, left = correlation(rows, self._priors.rho_shape)
-        for number, name in enumerate(self._correlations):
-            named[name] = values[number]
-            rests[name] = left[number]
+        for name in self._correlations:
+            (row,) = coordinates[self.slots[name]]
+            named[name], rests[name] = correlation(row, self._priors.rho_shape)
         for term in self._design.effect_size:
             eta = self._by_quantity(f"eta:{term.name}", coordinates)
             named[f"eta:{term.name}"] = self._priors.psi_sd * eta
@@ -309,16 +302,6 @@ class Coordinates:
             tau=np.reshape(taus, (len(taus), self._design.parameters, width)),
         )
 
-    def _count(self, name: str) -> int:
-        """Count the coordinates of a scale."""
-        slot = self.slots[name]
-        return slot.stop - slot.start
-
-    def _rows(self, names: Iterable[str], coordinates: Array) -> Array:
-        """Coordinates of several scales below one another."""
-        rows = [coordinates[self.slots[name]] for name in names]
-        return np.concatenate([coordinates[:0], *rows])
-
     def _by_quantity(self, name: str, coordinates: Array) -> Array:
         """Coordinates of a scale, (P, count, W)."""
         flat = coordinates[self.slots[name]]
@@ -336,7 +319,10 @@ class Coordinates:
         The rough likelihood is moved by a shift (P, C or 1, W).
         """
         suffix = level.suffix
-        columns = self._coefficient_coordinates(level, coordinates)
+        shape = (self._design.parameters, len(level.coefficients), coordinates.shape[1])
+        columns = np.empty(shape)
+        for k, name in enumerate(level.coefficients):
+            columns[:, k] = coordinates[self.slots[name]]
         if level.departures:
             of_cells = self._by_quantity(f"sigma{suffix}", coordinates)
             alone = np.full((len(of_cells), coordinates.shape[1]), level.single_sd or 0.0)
@@ -348,14 +334,6 @@ class Coordinates:
             named[name] = spreads.multiples[:, k] * self.coefficient_sd(name)
         named[f"sigma{suffix}"] = np.exp(spreads.log_sigma)
         return spreads.log_density
-
-    def _coefficient_coordinates(self, level: CellSpreads, coordinates: Array) -> Array:
-        """Coordinates of the coefficients of log SDs, (P, K, W)."""
-        shape = (self._design.parameters, len(level.coefficients), coordinates.shape[1])
-        columns = np.empty(shape)
-        for k, name in enumerate(level.coefficients):
-            columns[:, k] = coordinates[self.slots[name]]
-        return columns
 
     def coefficient_sd(self, name: str) -> float:
         """Prior SD of a coefficient of log sigma."""

@@ -102,6 +102,8 @@ class CellSpreads:
         Names of the coefficients of log sigma, one for each column.
     departures : bool
         Whether log SDs scatter about their columns.
+    centre : float
+        Prior mean of log sigma.
     single_sd : float or None
         SD of that scatter without columns; otherwise it is estimated.
     rho : str
@@ -129,7 +131,7 @@ class CellSpreads:
         self.departures = not terms or not design.options.common_spread
         log_s_sd = getattr(priors, f"log_s{suffix}_sd")
         self.single_sd = None if terms else log_s_sd
-        self._centre = getattr(priors, f"log_s{suffix}_mean")
+        self.centre = getattr(priors, f"log_s{suffix}_mean")
         columns = [term.columns for term in terms]
         nothing = np.zeros((0, *design.cells.x.shape))
         #: (P, K, C)
@@ -140,14 +142,14 @@ class CellSpreads:
             self._rough = likelihood_between(
                 statistics,
                 self._loadings,
-                self._centre,
+                self.centre,
                 log_s_sd,
                 subject_effect=bool(design.subject),
             )
         self.weight = self._rough.weight
         self._maps = []
         for p, of_quantity in enumerate(self._loadings):
-            of_map = SpreadMap(self._centre, of_quantity, self._rough.mean[p], self.weight[p])
+            of_map = SpreadMap(self.centre, of_quantity, self._rough.mean[p], self.weight[p])
             self._maps.append(of_map)
 
     def __call__(
@@ -179,7 +181,7 @@ class CellSpreads:
 
     def without_departures(self, columns: Array) -> LogSpreads:
         """Map coordinates (P, K, W) of the coefficients alone, which are standard normal."""
-        log_sigma = self._centre + np.einsum("pkc,pkw->pcw", self._loadings, columns)
+        log_sigma = self.centre + np.einsum("pkc,pkw->pcw", self._loadings, columns)
         return LogSpreads(log_sigma, columns, np.zeros(columns.shape[-1]))
 
 
