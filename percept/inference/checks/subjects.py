@@ -79,7 +79,9 @@ class SubjectDensity:
         _, self.parameters, self.environments = self._means.shape
         self._scatter = trial_scatter(response, subject, environment)
         #: (T, N) Whether a group of trials is of a subject
-        self._of_subject = np.equal.outer(self._scatter.subject, np.arange(self.subjects))
+        self._of_subject = np.equal.outer(
+            np.asarray(self._scatter.subject), np.arange(self.subjects)
+        )
 
     @property
     def subjects(self) -> int:
