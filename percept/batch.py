@@ -67,6 +67,7 @@ COLUMNS = {
 }
 
 _HEADER = ",".join(COLUMNS) + "\n"
+_WHOLE = {name: "Int64" for name, kind in COLUMNS.items() if kind == "count"}
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,7 @@ def encode(
     if rows is None or rows.empty:
         rows = pd.DataFrame(index=[0])
     rows = rows.assign(study=study, key=key, status=status, message=message)
-    whole = {name: "Int64" for name, kind in COLUMNS.items() if kind == "count"}
-    rows = rows.reindex(columns=list(COLUMNS)).astype(whole)
+    rows = rows.reindex(columns=list(COLUMNS)).astype(_WHOLE)
     for name, kind in COLUMNS.items():
         if kind == "text":
             rows[name] = rows[name].map(inert, na_action="ignore")
@@ -222,14 +222,6 @@ class Summary:
     inaccurate: list[tuple[str, str]] = field(default_factory=list)
     table: Path = Path()  # The rows of all studies
 
-    def count(self, name: str, outcome: Outcome) -> None:
-        """Count a finished study."""
-        self.counts[outcome.status] += 1
-        if outcome.status != "done":
-            self.failures.append((name, outcome.message))
-        elif outcome.message:
-            self.inaccurate.append((name, outcome.message))
-
 
 def run_batch(
     studies: Sequence[StudySource],
@@ -279,7 +271,7 @@ def run_batch(
     folder = own_folder(out, force=force)
     with exclusive(folder, wait=False):
         kept = Checkpoint(folder / _FINISHED, "batch", what="analysed")
-        batch = _Batch(studies, kept, Summary(len(studies)), progress)
+        batch = _Batch(studies, kept, progress)
         for job, outcome in mapper(analyse, batch.unfinished()):
             if isinstance(outcome, Exception):
                 outcome = _failed(job.name, job.key, outcome)
@@ -297,12 +289,11 @@ class _Batch:
         self,
         studies: Sequence[StudySource],
         kept: Checkpoint,
-        summary: Summary,
         progress: Callable[[Summary], None] | None,
     ) -> None:
         self.studies = studies
         self.kept = kept
-        self.summary = summary
+        self.summary = Summary(len(studies))
         self.progress = progress
         self.keys: list[str] = []  # Of the studies, in their order
         self.outcomes = {key: Outcome(**line) for key, line in kept.read().items()}
@@ -342,7 +333,11 @@ class _Batch:
 
     def _count(self, name: str, outcome: Outcome) -> None:
         """Count a study and tell how far the batch is."""
-        self.summary.count(name, outcome)
+        self.summary.counts[outcome.status] += 1
+        if outcome.status != "done":
+            self.summary.failures.append((name, outcome.message))
+        elif outcome.message:
+            self.summary.inaccurate.append((name, outcome.message))
         if self.progress:
             self.progress(self.summary)
 
@@ -352,19 +347,8 @@ def _write_table(text: str, path: Path, table_format: TableFormat) -> None:
     if table_format == "csv":
         path.write_bytes(text.encode())
         return
-    import pyarrow as pa
-    import pyarrow.csv as pa_csv
-    import pyarrow.parquet as pq
-
-    types = {"text": pa.string(), "count": pa.int64(), "real": pa.float64()}
-    # A message may have lines, and an environment may be called "NA".
-    table = pa_csv.read_csv(
-        io.BytesIO(text.encode()),
-        parse_options=pa_csv.ParseOptions(newlines_in_values=True),
-        convert_options=pa_csv.ConvertOptions(
-            column_types={name: types[kind] for name, kind in COLUMNS.items()},
-            null_values=[""],
-            strings_can_be_null=True,
-        ),
-    )
-    pq.write_table(table, path, compression="zstd")
+    # An environment may be called "NA".
+    table = pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False, na_values=[""])
+    # Numbers of Python's own reader have every digit.
+    numbers = {name: float for name, kind in COLUMNS.items() if kind != "text"}
+    table.astype(numbers).astype(_WHOLE).to_parquet(path, index=False)

@@ -132,7 +132,7 @@ def decode(data: bytes, question: str) -> Run:
 class PosteriorCache:
     """Runs that were finished before, by what they were asked; safe to share between processes.
 
-    An entry is written whole or not at all, and is discarded with a message when it is damaged.
+    An entry is written whole or not at all, and is replaced with a message when it is damaged.
     Nothing here can fail an analysis: what cannot be read is computed, what cannot be written is
     said and left. Beyond `limit` bytes the entries not used for longest go.
 
@@ -155,15 +155,8 @@ class PosteriorCache:
             run = decode(path.read_bytes(), path.stem)
         except FileNotFoundError:
             return None
-        except OSError as error:
-            _log.warning(
-                "A stored posterior cannot be read (%s) and is computed again.", _why(error)
-            )
-            return None
         except Exception as damage:  # noqa: BLE001 - bytes at will can raise anything in zip, npy and JSON
-            _log.warning("A stored posterior is damaged (%s): discarded, computed again.", damage)
-            with suppress(OSError):
-                path.unlink()
+            _log.warning("A stored posterior cannot be read (%s): it is computed again.", damage)
             return None
         # Gone by another process, or not ours to touch: its turn to go comes sooner.
         with suppress(OSError):
@@ -175,11 +168,6 @@ class PosteriorCache:
         """Store the run of what is asked."""
         path = self._path(asked)
         data = encode(run, path.stem)
-        if len(data) > self.limit:
-            _log.info(
-                "posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data)
-            )
-            return
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             with exclusive(self.folder):
@@ -187,9 +175,7 @@ class PosteriorCache:
                 _mark_used(path)
                 self._evict()
         except (OSError, UsageError) as error:
-            _log.warning(
-                "The posterior was not kept for next time in %s: %s.", self.folder, _why(error)
-            )
+            _log.warning("The posterior was not kept for next time in %s: %s", self.folder, error)
 
     def entries(self) -> dict[Path, int]:
         """Return the files and their sizes in bytes, the longest unused first."""
@@ -214,7 +200,7 @@ class PosteriorCache:
         return self.folder / f"{digest(numbers_version('inference', 'cache'), *asked)}{_SUFFIX}"
 
     def _evict(self) -> None:
-        """Remove what is unused for longest; the newest stays: it is no larger than the cache."""
+        """Remove what is unused for longest, until the rest fits."""
         entries = self.entries()
         total = sum(entries.values())
         for path, size in entries.items():
@@ -227,9 +213,3 @@ def _mark_used(path: Path) -> None:
     """Set the time of a file by the clock: the kernel's stamps may lag behind each other."""
     now = time.time_ns()
     os.utime(path, ns=(now, now))  # a `touch` would make what is gone
-
-
-def _why(error: OSError | UsageError) -> str:
-    if isinstance(error, UsageError):
-        return error.message.rstrip(".")
-    return (error.strerror or str(error)).lower()

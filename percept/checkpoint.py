@@ -147,7 +147,14 @@ class Checkpoint:
             if progress:
                 progress(len(results), studies)
         if errors:
-            raise _refusal(errors) from errors[min(errors)]
+            first = min(errors)
+            error = errors[first]
+            raise RefusalError(
+                f"{counted(len(errors), 'study', 'studies')} ended in an error; study {first}:"
+                f" {type(error).__name__}: {error}",
+                hint="The others are kept if there is a checkpoint: the same run again tries these"
+                " only.",
+            ) from error
         return [results[index] for index in sorted(results)]
 
     def _whole_lines(self, path: Path) -> list[str]:
@@ -163,14 +170,3 @@ class Checkpoint:
 
     def _foreign(self, row: int) -> UsageError:
         return UsageError(f"not a line of {self._what} studies.", file=str(self._path), row=row)
-
-
-def _refusal(errors: dict[int, Exception]) -> RefusalError:
-    """Say how many studies ended in an error, and the first of them."""
-    first = min(errors)
-    error = errors[first]
-    return RefusalError(
-        f"{counted(len(errors), 'study', 'studies')} ended in an error; study {first}:"
-        f" {type(error).__name__}: {error}",
-        hint="The others are kept if there is a checkpoint: the same run again tries these only.",
-    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import errno
 import fnmatch
 import os
 import secrets
@@ -24,14 +23,10 @@ _ASIDE = ".percept-unfinished-"
 # s after which what lies aside, and no run holds, was left by a dead one: a run locks what it made
 # at once.
 _ABANDONED_AFTER = 60.0
-# s after which it was, where the file system has no locks to tell.
-_FORGOTTEN_AFTER = 86_400.0
 # s that a run waits for another one, which moves its files in less.
 _PATIENCE = 10.0
 # Beginnings of what a spreadsheet runs, spaces before them passed over; some take wide forms too.
 _FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
-# Errors of a file system without locks, such as NFS before version 4.
-_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +96,7 @@ def _remove_abandoned(folder: Path) -> None:
     for path in folder.glob(f"{_ASIDE}*"):
         with suppress(OSError, UsageError), exclusive(path, wait=False) as is_locked:
             age = time.time() - path.stat().st_mtime
-            if age > (_ABANDONED_AFTER if is_locked else _FORGOTTEN_AFTER):
+            if is_locked and age > _ABANDONED_AFTER:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
@@ -150,9 +145,8 @@ def _is_locked(handle: int, folder: Path, deadline: float) -> bool:
                     hint="Wait for it, or choose another folder.",
                 ) from None
             time.sleep(0.05)
-        except OSError as error:
-            if error.errno not in _NO_LOCKS:
-                raise
+        except OSError:
+            # Such as NFS before version 4.
             return False
         else:
             return True
@@ -190,7 +184,6 @@ def filled_folder(
     """
     refuse_foreign(out_dir, files, force=force)
     out = _folder(out_dir)
-    missing = [parent for parent in out.parents if not parent.exists()]
     # Only within one file system is a move all or nothing, and a folder may be where another
     # begins.
     place = out if out.is_dir() else out.parent
@@ -213,9 +206,6 @@ def filled_folder(
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
     finally:
         shutil.rmtree(aside, ignore_errors=True)
-        with suppress(OSError):
-            for parent in missing:
-                parent.rmdir()  # only where nothing came of it: a folder with something in it stays
 
 
 def own_folder(out_dir: str | Path, *, force: bool = False) -> Path:

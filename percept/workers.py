@@ -20,7 +20,7 @@ from concurrent.futures import (
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from percept.cache import numbers_version
 from percept.errors import RefusalError, UsageError
@@ -195,24 +195,49 @@ def beside(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
     if cores() == 1 or "fork" not in multiprocessing.get_all_start_methods():
         yield work
         return
-    with _opened(1, "fork", work) as executor, warnings.catch_warnings():
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe(duplex=False)
+    copy = context.Process(target=_send_result, args=(work, theirs), daemon=True)
+    with warnings.catch_warnings():
         # Python warns of a fork beside other threads: ours only show progress.
         warnings.simplefilter("ignore", DeprecationWarning)
-        future = _submitted(executor, _do_copied_work)
+        copy.start()
+    # With our end of it open we would wait for ever for a copy that died.
+    theirs.close()
 
-        def result() -> Result:
-            try:
-                return future.result()
-            except Exception:  # noqa: BLE001 - the work itself says what is wrong
-                return work()
+    def result() -> Result:
+        try:
+            found: Result = ours.recv()
+        except (EOFError, OSError):
+            # The work itself says what is wrong.
+            return work()
+        return found
 
+    try:
         yield result
+    finally:
+        copy.kill()
+        copy.join()
+        ours.close()
+
+
+def _send_result(work: Callable[[], Any], pipe: Connection) -> None:
+    """Work in a copy of the process; a copy that fails sends nothing."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(Exception):
+        pipe.send(work())
 
 
 @contextmanager
 def _pool(count: int) -> Iterator[Executor]:
-    """Open fresh processes that have started: a fork copies locks that a thread may hold."""
-    with _opened(count, "spawn") as executor:
+    """Open fresh processes, and end them whatever they do: an interrupted run waits for none."""
+    # A fork would copy locks that a thread may hold.
+    context = multiprocessing.get_context("spawn")
+    theirs, ours = context.Pipe(duplex=False)
+    executor = ProcessPoolExecutor(
+        count, mp_context=context, initializer=_begin_worker, initargs=(theirs,)
+    )
+    try:
         try:
             executor.submit(os.getpid).result()
         except BrokenExecutor as error:
@@ -221,48 +246,17 @@ def _pool(count: int) -> Iterator[Executor]:
                 hint='A script that starts workers does so under `if __name__ == "__main__":`.',
             ) from error
         yield executor
-
-
-@contextmanager
-def _opened(
-    count: int, method: Literal["spawn", "fork"], work: Callable[[], Any] | None = None
-) -> Iterator[Executor]:
-    """Open processes, and end them whatever they do: a run that was interrupted waits for none."""
-    context = multiprocessing.get_context(method)
-    theirs, ours = context.Pipe(duplex=False)
-    # A fork copies our end of the pipe, which then would never close.
-    copied = ours if method == "fork" else None
-    executor = ProcessPoolExecutor(
-        count, mp_context=context, initializer=_begin_worker, initargs=(theirs, copied, work)
-    )
-    try:
-        yield executor
     finally:
         ours.close()
         executor.shutdown(cancel_futures=True)
         theirs.close()
 
 
-# What a copy of this process is to do; nothing elsewhere.
-_copied_work: Callable[[], Any] | None = None
-
-
-def _do_copied_work() -> Any:
-    assert _copied_work is not None
-    return _copied_work()
-
-
-def _begin_worker(
-    pipe: Connection, copied: Connection | None, work: Callable[[], Any] | None
-) -> None:
+def _begin_worker(pipe: Connection) -> None:
     """Prepare a worker process."""
-    global _copied_work
     # An interrupt goes to every process of a terminal; the one that asks ends its workers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.update(_ONE_THREAD)
-    if copied is not None:
-        copied.close()
-    _copied_work = work
     threading.Thread(target=_end_worker, args=(pipe,), daemon=True).start()
 
 
