@@ -1,4 +1,4 @@
-"""What makes a study unreadable though each of its files can be read.
+"""What makes a study unreadable though each of its files can be read, and what is said of names.
 
 Each check gives what it finds in the table; `Log.refuse` takes it up with its file and line.
 """
@@ -6,6 +6,8 @@ Each check gives what it finds in the table; `Log.refuse` takes it up with its f
 from __future__ import annotations
 
 import json
+import re
+import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -13,11 +15,12 @@ import pandas as pd
 
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import IDS, Found, Notice, shown
+from percept.sessions.records import IDS, Found, Notice, clip, shown
 from percept.sessions.tables import Log
+from percept.sessions.values import fold, is_missing
 
 #: What tells a trial from others.
-TRIAL = [*IDS, "trial"]
+_TRIAL = [*IDS, "trial"]
 #: From this ratio of adjustments to references on, either way, a unit is doubted.
 _OTHER_UNIT = 100.0
 #: What N/mm is in N/m: the slip of units there is. A median of a subject or file within a factor of
@@ -25,95 +28,81 @@ _OTHER_UNIT = 100.0
 _THOUSAND = 1000.0
 _ABOUT = 3.0
 #: A whole turn in units of angles.
-_TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0}
+_TURNS = dict.fromkeys(("deg", "°", "degree", "degrees"), 360.0)
 _TURNS |= dict.fromkeys(("rad", "radian", "radians"), 2 * np.pi)
+#: Cyrillic and Greek letters, and the Latin ones that look the same.
+_HOMOGLYPHS = str.maketrans(
+    "АВЕКМНОРСТХаеорсухіѕјԁһ" + "ΑΒΕΖΗΙΚΜΝΟΡΤΥΧονκρ",
+    "ABEKMHOPCTXaeopcyxisjdh" + "ABEZHIKMNOPTYXovkp",
+)
 
 
-def angles(table: pd.DataFrame, parameters: Iterable[str], options: ReadOptions) -> Iterator[Found]:
+def angles(
+    table: pd.DataFrame, quantities: Iterable[Quantity], options: ReadOptions
+) -> Iterator[Found]:
     """Refuse angles beyond half a turn, which have no mean: 350 and 10 deg lie beside each other.
 
     Differences from the references within half a turn are none.
     """
-    for p in parameters:
-        quantity = options.quantities[p]
-        turn = _TURNS.get(quantity.unit.casefold())
-        if turn is None:
-            continue
-        rule = options.columns.get(f"{p}_adj")
-        if rule is not None and rule.response == "difference":
-            yield from _far_differences(table, quantity, turn / 2)
-        else:
-            yield from _whole_turns(table, quantity, turn / 2)
-
-
-def _whole_turns(table: pd.DataFrame, quantity: Quantity, half: float) -> Iterator[Found]:
-    """Find references, or adjustments about them, that reach beyond half a turn."""
-    name = f"{quantity.name}_adj"
-    pairs = table[[f"{quantity.name}_ref", name]].dropna().to_numpy(dtype=float)
-    if not len(pairs):
-        return
-    references = pairs[:, 0]
-    which = "adjustments lie"
-    if max(np.ptp(references), np.abs(references).max()) > half:
-        which = "references reach"
-    elif np.abs(pairs[:, 1] - references).max() <= half:
-        return
-    message = (
-        f"{quantity.label} in {quantity.unit} wraps: {which} beyond half a turn,"
-        f" {half:.4g} {quantity.unit}."
-    )
-    hint = (
-        f"Give {name} a column of adjusted − reference, within half a turn:"
-        f' {name} = {{ name = "…", response = "difference" }} in [columns].'
-        " If the knob can turn more than once its angle does not wrap: give it in turns,"
-        ' unit = "turn".'
-    )
-    yield Found(message, name, hint=hint)
-
-
-def _far_differences(table: pd.DataFrame, quantity: Quantity, half: float) -> Iterator[Found]:
-    """Find the first difference that goes the long way round."""
-    column = f"{quantity.name}_adj"
-    far = table[column][table[column].abs() > half]
-    if len(far):
+    for quantity in quantities:
+        name = f"{quantity.name}_adj"
         unit = quantity.unit
-        message = f"a difference of more than half a turn, {half:.4g} {unit}; {len(far)} in all."
-        hint = f"Add or subtract {2 * half:.4g} {unit}."
-        yield Found(message, column, int(far.index[0]), float(far.iloc[0]), hint)
+        half = _TURNS.get(unit.casefold(), np.inf) / 2
+        adjusted = table[name]
+        rule = options.columns.get(name)
+        if rule is not None and rule.response == "difference":
+            far = adjusted[adjusted.abs() > half]
+            if len(far):
+                message = f"a difference of more than half a turn, {half:.4g} {unit}"
+                message += f"; {len(far)} in all."
+                hint = f"Add or subtract {2 * half:.4g} {unit}."
+                yield Found(message, name, far.index[0], float(far.iloc[0]), hint)
+            continue
+        references = table[f"{quantity.name}_ref"][adjusted.notna()].dropna()
+        if references.empty:
+            continue
+        which = "adjustments lie"
+        if max(np.ptp(references), references.abs().max()) > half:
+            which = "references reach"
+        elif (adjusted - references).abs().max() <= half:
+            continue
+        message = (
+            f"{quantity.label} in {unit} wraps: {which} beyond half a turn, {half:.4g} {unit}."
+        )
+        hint = (
+            f"Give {name} a column of adjusted − reference, within half a turn:"
+            f' {name} = {{ name = "…", response = "difference" }} in [columns].'
+            " If the knob can turn more than once its angle does not wrap: give it in turns,"
+            ' unit = "turn".'
+        )
+        yield Found(message, name, hint=hint)
 
 
-def repeats(table: pd.DataFrame, cell: list[str], log: Log, telling: Sequence[str]) -> Found:
-    """Say that rows repeat what tells trials apart; there are some.
-
-    Each of the columns `telling` would tell all of them apart.
-    """
+def repeats(table: pd.DataFrame, log: Log) -> Iterator[Found]:
+    """Refuse rows that repeat what tells trials apart."""
+    split = [name for name in log.options.split if name in table and name not in _TRIAL]
+    cell = [*_TRIAL, *split]
     again = table.index[table.duplicated(cell)]
     count = len(again)
+    if not count:
+        return
     first = table.loc[again[0]]
-    origin = log.places(table)(int(np.argmax((table[cell] == first[cell]).all(axis=1))))
+    file, row = log.place(table, (table[cell] == first[cell]).all(axis=1).idxmax())
     names = ", ".join(f"{column} {shown([str(first[column])])}" for column in IDS)
-    where = f"{origin.get('file')}:{origin.get('row')}"
-    text = f"{names}, trial {first['trial']} is already in {where}."
+    text = f"{names}, trial {first['trial']} is already in {file}:{row}."
     if count > 1 or not log.numbered:
         what = "trial" if log.numbered else "environment, and no column numbers their trials"
         share = f"{count:,} of {len(table):,} rows ({count / len(table):.1%})"
         text = f"{share} repeat a subject, session and {what}. The first: {text}"
     # Without numbers it would keep one trial per cell, and drop the repeats.
     event = f"keep {len(table) - count:,} rows" if log.numbered else "need a column of trials"
-    conditions = 'If they are conditions of one subject, name their column: [study] factor = "…".'
-    if telling:
-        several = "each of the columns" if len(telling) > 1 else "column"
-        conditions = (
-            f"For conditions of one subject, {several} {shown(telling)} tells them apart:"
-            f' [study] factor = "{telling[0]}".'
-        )
     hints = [
         "Remove one row, or name the column of trial numbers in [columns].",
         'Number the trials by the order of their rows: [sessions] trial = "order".',
         f'If rows are events of a trial, [sessions] keep = "last" would {event}.',
-        conditions,
+        'If they are conditions of one subject, name their column: [study] factor = "…".',
     ]
-    return Found(text, row=again[0], hint=" ".join(hints[not log.numbered :]))
+    yield Found(text, row=again[0], hint=" ".join(hints[not log.numbered :]))
 
 
 def units(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> Iterator[Found]:
@@ -141,7 +130,7 @@ def units(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> Iter
 
 
 def _typical(ratios: pd.Series[float]) -> float:
-    """Median of ratios; 1 without any."""
+    """Median of ratios from their logarithms; 1 without any."""
     return float(np.exp(ratios.median())) if len(ratios) else 1.0
 
 
@@ -172,6 +161,43 @@ def _other_units(table: pd.DataFrame, adj: str, ref: str) -> Iterator[tuple[int,
             return
 
 
+def remarks(table: pd.DataFrame, log: Log) -> Iterator[str]:
+    """Name ids that look alike or like a missing value, and cells of several sessions."""
+    for column in IDS:
+        alike: dict[str, list[str]] = {}
+        for index, name in table[column].drop_duplicates().items():
+            file, row = log.place(table, index)
+            written = clip(name)
+            # Letters that look like Latin ones are written by their number.
+            quoted = repr(written) if name == name.translate(_HOMOGLYPHS) else ascii(written)
+            text = f"{quoted} ({file}:{row})"
+            alike.setdefault(_look(name), []).append(text)
+            if is_missing(name):
+                yield f"{column} {text} is taken as a name: is it a missing value?"
+        for texts in alike.values():
+            if len(texts) > 1:
+                text = f"{column}s {', '.join(texts)} look alike and are kept apart"
+                yield f"{text}: if they are one, write them alike in the files"
+    counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique()
+    several = int((counts > 1).sum())
+    if several:
+        yield (
+            f"{several} of {counts.size} cells (a subject in an environment) have trials of several"
+            " sessions. All count as repeats: changes between sessions are part of the scatter of"
+            " trials"
+        )
+
+
+def _look(name: str) -> str:
+    """Reduce a name to its looks: "P_01" and "p1" are alike, and so are letters of two scripts."""
+    plain = unicodedata.normalize("NFKC", fold(name)).translate(_HOMOGLYPHS).casefold()
+    try:
+        return f"{float(plain):.15g}"
+    except ValueError:
+        joined = re.sub(r"(?<=[^\W\d_])[\s_.-]+(?=\d)", "", plain)
+        return re.sub(r"(?<!\d)0+(?=\d)", "", joined)
+
+
 def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
     """Refuse parameters, limits, n, levels and units that a published table cannot have."""
     names = " or ".join(f'"{name}"' for name in options.quantities)
@@ -179,7 +205,7 @@ def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
     level = table["level"]
     whole = (n >= 2) & (n < 2.0**53) & (n == np.round(n))
     again = table.duplicated(["environment", "parameter"])
-    rules = [
+    rules: Sequence[tuple[str, str, pd.Series[bool]]] = [
         ("parameter", f"must be {names}.", ~table["parameter"].isin(list(options.quantities))),
         ("environment", "is empty.", table["environment"].str.strip() == ""),
         ("upper", "is below the lower limit.", table["upper"] < table["lower"]),
@@ -188,15 +214,15 @@ def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
         ("environment", "a second row for this environment and parameter.", again),
     ]
     for column, message, wrong in rules:
-        for row in table.index[wrong]:
-            yield Found(message, column, row, table[column].tolist()[row], "Correct or remove it.")
+        for row, value in table[column][wrong].items():
+            yield Found(message, column, row, value, "Correct or remove it.")
     cells = zip(table["environment"], table["parameter"], table["reference"], strict=True)
-    for row, (environment, parameter, reference) in enumerate(cells):
+    for index, (environment, parameter, reference) in enumerate(cells):
         own = options.environments.get(environment, {})
         expected = own.get(f"{parameter}_ref", reference)
         if reference != expected:
             message = f"[environments] gives {shown([environment])} the reference {expected:g}."
-            yield Found(message, "reference", row, reference, "Correct the table or the scene.")
+            yield Found(message, "reference", index, reference, "Correct the table or the scene.")
     # Of what the limits hold, the nearest to the reference: wide limits are no sign of another
     # unit.
     near = table["reference"].clip(table["lower"], table["upper"])
@@ -210,5 +236,5 @@ def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
                 " to differ."
             )
             hint = f"Write references and limits in {quantity.unit or 'one unit'}."
-            row = int(references.index[0])
-            yield Found(message, "reference", row, float(references[row]), hint)
+            value = float(references.iloc[0])
+            yield Found(message, "reference", references.index[0], value, hint)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -14,20 +13,10 @@ import pandas as pd
 
 from percept.errors import counted
 from percept.sessions.merged import by_environment
+from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import (
-    IDS,
-    MOST_CONDITIONS,
-    Factors,
-    Found,
-    Notice,
-    Place,
-    Places,
-    clip,
-    shown,
-)
+from percept.sessions.records import MOST_CONDITIONS, Factors, Found, shown
 from percept.sessions.slips import slips
-from percept.sessions.values import fold, is_missing
 
 #: Numbers that stand for a missing value: -999, 9999 and others of nines, in any unit.
 _CODE = re.compile(r"99+0*")
@@ -42,55 +31,29 @@ _MOST_SLIPS = 20
 _LOGARITHMIC = re.compile(r"db.*|bels?|np|phons?|cents?|semitones?|octaves?|decades?|ph")
 #: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
 _ENOUGH = 4
-#: Cyrillic and Greek letters, and the Latin ones that look the same.
-_HOMOGLYPHS = str.maketrans(
-    "АВЕКМНОРСТХаеорсухіѕјԁһ" + "ΑΒΕΖΗΙΚΜΝΟΡΤΥΧονκρ",
-    "ABEKMHOPCTXaeopcyxisjdh" + "ABEZHIKMNOPTYXovkp",
-)
 
 
-def names(table: pd.DataFrame, places: Places) -> Iterator[Notice]:
-    """Notice ids that look alike or like a missing value, with the first row of each."""
-    for column in IDS:
-        alike: dict[str, list[str]] = {}
-        for row, name in table[column].drop_duplicates().items():
-            place = places(int(str(row)))
-            written = clip(name)
-            # Letters that look like Latin ones are written by their number.
-            quoted = repr(written) if name == name.translate(_HOMOGLYPHS) else ascii(written)
-            text = f"{quoted} ({place.get('file')}:{place.get('row')})"
-            alike.setdefault(_look(name), []).append(text)
-            if is_missing(name):
-                yield Notice(f"{column} {text} is taken as a name: is it a missing value?")
-        for texts in alike.values():
-            if len(texts) > 1:
-                text = f"{column}s {', '.join(texts)} look alike and are kept apart"
-                yield Notice(f"{text}: if they are one, write them alike in the files")
+@dataclass(frozen=True)
+class Trials:
+    """The trials of a study, and how they were read."""
+
+    table: pd.DataFrame
+    quantities: Sequence[Quantity]
+    options: ReadOptions
+    factors: Factors | None
+    left_out: bool  # Adjustments at limits, so that some cells may have lost all trials
 
 
-def _look(name: str) -> str:
-    """Reduce a name to its looks: "P_01" and "p1" are alike, and so are letters of two scripts."""
-    plain = unicodedata.normalize("NFKC", fold(name)).translate(_HOMOGLYPHS).casefold()
-    try:
-        return f"{float(plain):.15g}"
-    except ValueError:
-        joined = re.sub(r"(?<=[^\W\d_])[\s_.-]+(?=\d)", "", plain)
-        return re.sub(r"(?<!\d)0+(?=\d)", "", joined)
+def doubts(trials: Trials) -> Iterator[Found]:
+    """Find what is seldom meant. Nothing is left out: that is for the analyst to declare."""
+    for quantity in trials.quantities:
+        for check_one in _CHECKS_OF_A_QUANTITY:
+            yield from check_one(trials, quantity.name)
+    for check in _CHECKS:
+        yield from check(trials)
 
 
-def repeats_over_sessions(table: pd.DataFrame) -> Iterator[Notice]:
-    """Notice cells whose trials are from several sessions."""
-    counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique()
-    several = int((counts > 1).sum())
-    if several:
-        yield Notice(
-            f"{several} of {counts.size} cells (a subject in an environment) have trials of several"
-            " sessions. All count as repeats: changes between sessions are part of the scatter of"
-            " trials"
-        )
-
-
-def scales(references: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Notice]:
+def logarithms(references: pd.DataFrame, quantities: Sequence[Quantity]) -> Iterator[Found]:
     """Warn of quantities whose unit has no ratios; `references` has a column for each of them."""
     for quantity in quantities:
         name = quantity.name
@@ -101,29 +64,7 @@ def scales(references: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator
                 f' reference, set {name}_ref = 0 in [environments], family = "normal" in'
                 f" [inference] and scale = {{ {name} = 1.0 }} in [model]."
             )
-            yield Notice(text, column=f"{name}_adj")
-
-
-@dataclass(frozen=True)
-class Trials:
-    """The trials of a study, and what the checks need to know of them."""
-
-    table: pd.DataFrame
-    quantities: Sequence[Quantity]
-    place: Places
-    pooled: Sequence[str]  # Columns of groups that the analysis does not tell apart
-    family: str
-    factors: Factors | None
-    left_out: bool  # Limits are declared, and some cells may have lost all trials
-
-
-def screen(trials: Trials) -> Iterator[Notice]:
-    """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
-    for check in _CHECKS:
-        for found in check(trials):
-            place = Place() if found.row is None else trials.place(found.row)
-            text = f"{found.message} {found.hint}".rstrip()
-            yield Notice(text, column=found.column, **place)
+            yield Found(text, f"{name}_adj")
 
 
 def _slips(trials: Trials) -> Iterator[Found]:
@@ -133,37 +74,6 @@ def _slips(trials: Trials) -> Iterator[Found]:
         yield Found(f"{slip.text}: mistyped?", f"{slip.parameter}_adj", slip.index)
     if len(found) > _MOST_SLIPS:
         yield Found(f"{counted(len(found) - _MOST_SLIPS, 'more value')} may be mistyped")
-
-
-def _missing_codes(values: pd.Series[float]) -> list[float]:
-    """Give the numbers, at either end of all values, that seem to stand for a missing one."""
-    codes = []
-    for code in (values.min(), values.max()):
-        others = values[values != code]
-        if others.empty or not _CODE.fullmatch(f"{abs(code):.12g}"):
-            continue
-        reach = others.max() - others.min()
-        alone_below = code < 0 <= others.min()
-        if alone_below or not others.min() - reach <= code <= others.max() + reach:
-            codes.append(float(code))
-    return codes
-
-
-def _codes(trials: Trials) -> Iterator[Found]:
-    """Ask whether a number is a code for a missing value."""
-    for quantity in trials.quantities:
-        column = f"{quantity.name}_adj"
-        values = trials.table[column].dropna()
-        for code in _missing_codes(values):
-            rows = values.index[values == code]
-            limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
-            verb = "is" if len(rows) == 1 else "are"
-            text = (
-                f"{counted(len(rows), 'value')} of {quantity.name} {verb} {code:g}: a code for a"
-                " missing value? Then [sessions] exclude ="
-                f' [{{ column = "{column}", {limit}, why = "missing" }}] leaves such rows out.'
-            )
-            yield Found(text, column, rows[0])
 
 
 def _copies(trials: Trials) -> Iterator[Found]:
@@ -201,12 +111,34 @@ def _single_trials(trials: Trials) -> Iterator[Found]:
         yield Found(text, "environment")
 
 
-def _of_quantities(trials: Trials) -> Iterator[Found]:
-    """Look at the adjustments of each quantity."""
-    for quantity in trials.quantities:
-        yield from _without_logarithm(trials, quantity.name)
-        yield from _at_a_limit(trials, quantity.name)
-        yield from _never_moved(trials, quantity.name)
+def _missing_codes(values: pd.Series[float]) -> list[float]:
+    """Give the numbers, at either end of all values, that seem to stand for a missing one."""
+    codes = []
+    for code in (values.min(), values.max()):
+        others = values[values != code]
+        if others.empty or not _CODE.fullmatch(f"{abs(code):.12g}"):
+            continue
+        reach = others.max() - others.min()
+        alone_below = code < 0 <= others.min()
+        if alone_below or not others.min() - reach <= code <= others.max() + reach:
+            codes.append(float(code))
+    return codes
+
+
+def _codes(trials: Trials, parameter: str) -> Iterator[Found]:
+    """Ask whether a number is a code for a missing value."""
+    column = f"{parameter}_adj"
+    values = trials.table[column].dropna()
+    for code in _missing_codes(values):
+        rows = values.index[values == code]
+        limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
+        verb = "is" if len(rows) == 1 else "are"
+        text = (
+            f"{counted(len(rows), 'value')} of {parameter} {verb} {code:g}: a code for a"
+            " missing value? Then [sessions] exclude ="
+            f' [{{ column = "{column}", {limit}, why = "missing" }}] leaves such rows out.'
+        )
+        yield Found(text, column, rows[0])
 
 
 def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Found]:
@@ -222,10 +154,10 @@ def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Found]:
     few_zeros = few and bool((low[column] == 0).all())
     no_ratio = bool((low[reference] <= 0).any())
     # The normal family takes zeros and negative values; only a few zeros are doubted there.
-    if trials.family != "lognormal" and (no_ratio or not few_zeros):
+    if trials.options.family != "lognormal" and (no_ratio or not few_zeros):
         return
-    why = "no adjustment" if few_zeros else "slip of sign"
     least = float(values[values > 0].min())
+    why = "no adjustment" if few_zeros else "slip of sign"
     rule = f'[sessions] exclude = [{{ column = "{column}", below = {least!r}, why = "{why}" }}]'
     if no_ratio:
         way = (
@@ -235,15 +167,14 @@ def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Found]:
         )
     elif few_zeros:
         way = (
-            f"If they are failed trials, {rule} leaves them out and logs"
-            f" them. If zero is an end of the control, limits = [0.0, inf] below"
-            f" [quantities.{parameter}] leaves them out and counts them. If people meant them,"
-            ' set family = "normal" in [inference].'
+            f"If they are failed trials, {rule} leaves them out and logs them. If zero is an end"
+            f" of the control, limits = [0.0, inf] below [quantities.{parameter}] leaves them out"
+            ' and counts them. If people meant them, set family = "normal" in [inference].'
         )
     elif few:
         way = (
-            f"If nobody meant that, {rule} leaves such trials out and logs"
-            ' them. If people meant it, set family = "normal" in [inference].'
+            f"If nobody meant that, {rule} leaves such trials out and logs them. If people meant"
+            ' it, set family = "normal" in [inference].'
         )
     else:
         way = 'To leave out this many biases the rest: set family = "normal" in [inference].'
@@ -274,15 +205,15 @@ def _at_a_limit(trials: Trials, parameter: str) -> Iterator[Found]:
         if not many or value <= 0:
             continue
         limits = f"[-inf, {value:g}]" if way == "above" else f"[{value:g}, inf]"
+        at_limit = values == value
         text = (
             f"{_share(count, counts.sum(), parameter)} the {which} of all, {value:g}: the limit of"
-            f" the control? There are {by_environment(trials.table, values == value)}. Such a value"
+            f" the control? There are {by_environment(trials.table, at_limit)}. Such a value"
             f" says only that the adjustment lies {way} it, and makes the spread too small."
             f" [quantities.{parameter}] limits = {limits} leaves them out, counts them and logs"
             " them."
         )
-        first = values.index[values == value][0]
-        yield Found(text, column, first)
+        yield Found(text, column, at_limit.idxmax())
 
 
 def _never_moved(trials: Trials, parameter: str) -> Iterator[Found]:
@@ -314,19 +245,17 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[
     tuple of str
         Subject and environment.
     """
-    subjects = table.drop_duplicates("subject").set_index("subject")
-    environments = table.drop_duplicates("environment").set_index("environment")
     by_subject = table.groupby("subject", sort=False)
-    groups = (
-        [name for name in factors.levels if (by_subject[name].nunique() == 1).all()]
-        if factors
-        else []
+    columns = factors.levels if factors else ()
+    groups = [name for name in columns if (by_subject[name].nunique() == 1).all()]
+    # Each subject and each environment with its own levels of the groups.
+    subjects, environments = (
+        table.drop_duplicates(name)[[name, *groups]].astype(str).itertuples(index=False, name=None)
+        for name in ("subject", "environment")
     )
-    tried = set(table.groupby(["subject", "environment"], sort=False).groups)
-    group_of = {name: tuple(own) for name, *own in subjects[groups].astype(str).itertuples()}
-    group_at = {name: tuple(own) for name, *own in environments[groups].astype(str).itertuples()}
-    for subject, name in product(group_of, group_at):
-        if group_of[subject] == group_at[name] and (subject, name) not in tried:
+    tried = set(by_subject["environment"].unique().explode().items())
+    for (subject, *own), (name, *levels) in product(subjects, environments):
+        if own == levels and (subject, name) not in tried:
             yield subject, name
 
 
@@ -345,7 +274,7 @@ def _empty_cells(trials: Trials) -> Iterator[Found]:
 
 def _pooled(trials: Trials) -> Iterator[Found]:
     """Say how groups that the analysis does not tell apart are analysed."""
-    for column in trials.pooled:
+    for column in trials.options.pooled(trials.table.columns):
         levels = trials.table.groupby(column, sort=False)["subject"].nunique()
         if len(levels) < 2:
             continue
@@ -372,10 +301,14 @@ def _pooled(trials: Trials) -> Iterator[Found]:
 
 _CHECKS: tuple[Callable[[Trials], Iterator[Found]], ...] = (
     _slips,
-    _codes,
     _copies,
     _single_trials,
-    _of_quantities,
     _empty_cells,
     _pooled,
+)
+_CHECKS_OF_A_QUANTITY: tuple[Callable[[Trials, str], Iterator[Found]], ...] = (
+    _codes,
+    _without_logarithm,
+    _at_a_limit,
+    _never_moved,
 )

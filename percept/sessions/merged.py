@@ -1,4 +1,4 @@
-"""The trials of all files as one table, step by step: references, responses, ends of controls.
+"""The trials of all files as one table, step by step: names, references, responses, limits.
 
 The table has a column `file`, the index of a source, and `row`, the physical line.
 """
@@ -6,7 +6,7 @@ The table has a column `file`, the index of a source, and `row`, the physical li
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,31 @@ import pandas as pd
 
 from percept.errors import UsageError, counted
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import MASS, Exclusion, Found, Notice, clip, shown
+from percept.sessions.records import IDS, MASS, Exclusion, Found, Notice, clip, shown
 from percept.sessions.tables import Log
+from percept.sessions.values import fold
 
 #: Environments that a sentence lists.
 _LISTED = 8
+
+
+def settle_names(table: pd.DataFrame, groups: Iterable[str], log: Log) -> None:
+    """Write names that differ in spaces or Unicode form alone in the scene's or first spelling."""
+    for column in (*IDS, *groups):
+        names = table[column].dropna().unique()
+        first: dict[str, str] = {}
+        for name in [*log.options.environments, *names] if column == "environment" else names:
+            first.setdefault(fold(name), name)
+        spelled = {name: first[fold(name)] for name in names if first[fold(name)] != name}
+        for name, spelling in spelled.items():
+            file, row = log.place(table, (table[column] == name).idxmax())
+            text = (
+                f"{column} {spelling!r} is one name with another spelling in {file}:{row}: they"
+                " differ in spaces, zero-width characters or Unicode form only"
+            )
+            log.notices.append(Notice(text))
+        if spelled:
+            table[column] = table[column].replace(spelled)
 
 
 def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) -> None:
@@ -26,55 +46,56 @@ def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) 
 
     Trials may keep references that they have of their own; of what is not matched they are zero.
     """
-    zeros = {f"{p}_ref": 0.0 for p, q in log.options.quantities.items() if not q.is_matched}
+    options = log.options
+    zeros = {f"{p}_ref": 0.0 for p, q in options.quantities.items() if not q.is_matched}
     environments = table["environment"]
-    known = {
-        name: {**log.options.environments.get(name, {}), **zeros} for name in environments.unique()
-    }
+    known = {name: options.environments.get(name, {}) | zeros for name in environments.unique()}
     without: dict[str, list[str]] = {}  # References that lack, by environment
-    columns = [f"{p}_ref" for p in parameters]
-    if MASS in table:
-        columns.append(MASS)
+    columns = [f"{p}_ref" for p in parameters] + [MASS] * (MASS in table)
     for column in columns:
         values = table[column]
         given = {name: own[column] for name, own in known.items() if column in own}
-        declared = environments.map(given).astype(float)
-        if log.options.trial_references and column != MASS:
-            expected = values.fillna(declared)
+        expected = environments.map(given).astype(float)
+        if options.trial_references and column != MASS:
+            expected = values.fillna(expected)
         else:
             first = values.groupby(environments, sort=False).transform("first")
-            expected = declared.fillna(first)
-        for name, row, count in _firsts(environments, values.notna() & (values != expected)):
+            expected = expected.fillna(first)
+        differs = values.notna() & (values != expected)
+        for name, rows in _by_environment(table, differs):
             source = "the scene" if name in given else "an earlier row"
-            message = f"environment {shown([name])} has the reference {expected[row]!s} in {source}"
-            if count > 1:
-                message += f"; {count} rows have another, here the first"
+            message = (
+                f"environment {shown([name])} has the reference {expected[rows[0]]!s} in {source}"
+            )
+            if len(rows) > 1:
+                message += f"; {len(rows)} rows have another, here the first"
             hint = (
                 "An environment has one reference. Correct it, or tell the environments apart by"
                 ' further columns: environment = ["…", "…"] in [columns]. If references differ by'
                 ' trial, set [model] bias = "reference".'
             )
-            log.refuse(table, [Found(f"{message}.", column, row, float(values[row]), hint)])
-        table[column] = expected
+            value = float(values[rows[0]])
+            log.refuse(table, [Found(f"{message}.", column, rows[0], value, hint)])
         if column == MASS:
             table[column] = expected.fillna(0.0)
             continue
+        table[column] = expected
         lacking = expected.isna() & table[column.replace("_ref", "_adj")].notna()
-        for name, *_ in _firsts(environments, lacking):
+        for name, _ in _by_environment(table, lacking):
             without.setdefault(name, []).append(column)
     if without:
         _ask_for_references(without, known, log)
 
 
-def _firsts(environments: pd.Series[str], chosen: pd.Series[bool]) -> list[tuple[str, int, int]]:
-    """Name the environments of chosen rows, with the first of these rows and their number."""
-    if not chosen.any():
-        return []
-    counts = environments[chosen].value_counts()
-    order = [name for name in environments.unique() if name in counts]
-    return [
-        (name, int(np.argmax(chosen & (environments == name))), int(counts[name])) for name in order
-    ]
+def _by_environment(
+    table: pd.DataFrame, chosen: pd.Series[bool]
+) -> Iterator[tuple[str, pd.Index[Any]]]:
+    """Give the environments of chosen rows, each with these, in the table's order."""
+    rows = table["environment"][chosen]
+    if len(rows):
+        for name in table["environment"].unique():
+            if (own := rows.index[rows == name]).size:
+                yield name, own
 
 
 def _ask_for_references(
@@ -98,13 +119,12 @@ def _ask_for_references(
 def make_absolute(table: pd.DataFrame, parameters: Sequence[str], log: Log) -> None:
     """Make adjustments of ratios to their references, and of differences from them."""
     for p in parameters:
-        adjusted = f"{p}_adj"
-        rule = log.options.columns.get(adjusted)
+        rule = log.options.columns.get(f"{p}_adj")
         response = rule.response if rule else None
         if response == "ratio":
-            table[adjusted] *= table[f"{p}_ref"]
+            table[f"{p}_adj"] *= table[f"{p}_ref"]
         elif response == "difference":
-            table[adjusted] += table[f"{p}_ref"]
+            table[f"{p}_adj"] += table[f"{p}_ref"]
 
 
 def without_ends(table: pd.DataFrame, quantities: Sequence[Quantity], log: Log) -> pd.DataFrame:
@@ -137,13 +157,11 @@ def _log_ends(table: pd.DataFrame, quantity: Quantity, at_end: pd.Series[bool], 
     """Log each adjustment at an end of a control, and say how many there are."""
     why = f"{quantity.label} at a limit of its control"
     column = f"{quantity.name}_adj"
-    place = log.places(table)
     rows = table[at_end]
-    for row, subject, environment in zip(
-        rows.index, rows["subject"], rows["environment"], strict=True
-    ):
+    columns = rows[["subject", "environment", "file", "row"]]
+    for subject, environment, file, row in columns.itertuples(index=False, name=None):
         what = f"{quantity.name} in environment {environment}"
-        log.exclusions.append(Exclusion(subject, what, why, **place(row)))
+        log.exclusions.append(Exclusion(subject, what, why, log.sources[file].name, row))
     text = (
         f"{counted(len(rows), 'value')} of {table[column].notna().sum()} at the limits of the"
         f" control, {quantity.amounts(quantity.limits or ())}, are left out:"
@@ -177,6 +195,4 @@ def count_grid(table: pd.DataFrame, parameters: Iterable[str]) -> dict[str, int]
         "empty cells (subject × environment)": subjects * environments - len(filled),
         "missing repeats": int((filled.max() - filled).sum()),
     }
-    for p in parameters:
-        counts[f"rows without {p}"] = int(table[f"{p}_adj"].isna().sum())
-    return counts
+    return counts | {f"rows without {p}": int(table[f"{p}_adj"].isna().sum()) for p in parameters}

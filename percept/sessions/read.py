@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
@@ -15,18 +14,22 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import checks, doubts
-from percept.sessions.merged import count_grid, make_absolute, settle_references, without_ends
+from percept.sessions.merged import (
+    count_grid,
+    make_absolute,
+    settle_names,
+    settle_references,
+    without_ends,
+)
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
 from percept.sessions.records import (
     IDS,
     MASS,
-    MOST_CONDITIONS,
     SUMMARY_COLUMNS,
     Exclusion,
     Factors,
     Notice,
-    Place,
     Source,
     once_per_kind,
 )
@@ -34,6 +37,7 @@ from percept.sessions.slips import Slip, slips
 from percept.sessions.summary import read_summary
 from percept.sessions.tables import Log, OpenFile, open_files, open_frame
 from percept.sessions.trials import read_trials
+from percept.sessions.values import fold
 
 #: Opens the input, once for each reading.
 _Opened = Callable[[Log], Iterator[OpenFile]]
@@ -157,19 +161,16 @@ class Sessions:
     def warnings(self) -> tuple[Notice, ...]:
         """What to look at before believing the study."""
         quantities = [self.quantities[p] for p in self.parameters]
-        scales = doubts.scales(self._references, quantities)
-        if self.form != "trials":
-            return tuple(scales)
-        trials = doubts.Trials(
-            self.table,
-            quantities,
-            self.place,
-            self.options.pooled(self.table.columns),
-            self.options.family,
-            self.factors,
-            left_out=not self.at_limits.empty,
-        )
-        return (*scales, *doubts.screen(trials))
+        found = list(doubts.logarithms(self._references, quantities))
+        if self.form == "trials":
+            left_out = not self.at_limits.empty
+            trials = doubts.Trials(self.table, quantities, self.options, self.factors, left_out)
+            found += doubts.doubts(trials)
+        notices = []
+        for message, column, index, *_ in found:
+            file, row = (None, None) if index is None else self.locate(index)
+            notices.append(Notice(message, file, row, column))
+        return tuple(notices)
 
     @cached_property
     def slips(self) -> tuple[Slip, ...]:
@@ -187,17 +188,14 @@ class Sessions:
         # Some analyses are of a part of the subjects.
         return int((of_cell & self.at_limits["subject"].isin(self.table["subject"])).sum())
 
-    def place(self, index: int) -> Place:
-        """File and row of an observation, by its label in `table`; None of a table made by hand."""
-        if index not in self.provenance.index:
-            return Place()
-        file, row = self.locate(index)
-        return Place(file=file, row=row)
+    def locate(self, index: Any) -> tuple[str | None, int | None]:
+        """File and physical row (the header is 1) of an observation, by its label in `table`.
 
-    def locate(self, index: int) -> tuple[str, int]:
-        """File and physical row (the header is 1) of an observation, by its label in `table`."""
-        position = self.provenance.index.get_loc(index)
-        file, row = self.provenance[["file", "row"]].to_numpy()[position].tolist()
+        A table made by hand has neither.
+        """
+        if index not in self.provenance.index:
+            return None, None
+        file, row = self.provenance.loc[index, ["file", "row"]]
         return self.sources[int(file)].name, int(row)
 
     def _repr_html_(self) -> str:
@@ -275,7 +273,7 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
         log.counts["observations"] = len(merged)
         tidy = merged[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
     else:
-        merged = _checked_trials(log, merged, opened)
+        merged = _checked_trials(log, merged)
         tidy = _laid_out(options, merged)
     return Sessions(
         table=tidy,
@@ -315,41 +313,43 @@ def _refuse_nothing(log: Log, frames: Sequence[pd.DataFrame]) -> None:
         rows = ", ".join(f"{number} {reason}" for reason, number in log.counts.items())
         message = "no row has an adjustment."
         raise UsageError(message, file=log.sources[0].name, hint=f"Rows: {rows}.")
+    folded = set(map(fold, present))
     for name in log.options.environments:
-        if name not in present:
+        if fold(name) not in folded:
             log.notices.append(Notice("[environments] names it, but no row has it", column=name))
 
 
-def _checked_trials(log: Log, table: pd.DataFrame, opened: _Opened) -> pd.DataFrame:
-    """Settle the references of all trials, and check them as a whole."""
+def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
+    """Settle the names and references of all trials, and check them as a whole."""
     options = log.options
     parameters = [p for p in options.quantities if p in log.parameters]
     quantities = [options.quantities[p] for p in parameters]
+    settle_names(table, _groups(options, table), log)
     settle_references(table, parameters, log)
-    log.refuse(table, checks.angles(table, parameters, options))
+    log.refuse(table, checks.angles(table, quantities, options))
     make_absolute(table, parameters, log)
     table = without_ends(table, quantities, log)
     if options.sessions.trial == "order":
         table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
-    split = [name for name in options.split if name in table and name not in checks.TRIAL]
-    cell = [*checks.TRIAL, *split]
-    if table.duplicated(cell).any():
-        log.refuse(table, [checks.repeats(table, cell, log, _telling_columns(log, opened))])
+    log.refuse(table, checks.repeats(table, log))
     log.refuse(table, checks.units(table, quantities, log))
     log.problems.raise_if_any()
-    log.notices += log.names.notices()
-    log.notices += doubts.names(table, log.places(table))
-    log.notices += doubts.repeats_over_sessions(table)
+    for text in checks.remarks(table, log):
+        log.notices.append(Notice(text))
     log.counts.update(count_grid(table, parameters))
     return table
 
 
+def _groups(options: ReadOptions, table: pd.DataFrame) -> list[str]:
+    """Name the columns of groups."""
+    others = (*trial_columns(options.quantities), MASS, "row", "file")
+    return [str(name) for name in table if name not in others]
+
+
 def _laid_out(options: ReadOptions, table: pd.DataFrame) -> pd.DataFrame:
     """Order the columns: those of trials, groups, and a mass."""
-    columns = list(trial_columns(options.quantities))
-    groups = [str(name) for name in table if name not in (*columns, MASS, "row", "file")]
-    if MASS in table:
-        columns.append(MASS)
+    columns = [*trial_columns(options.quantities), *[MASS] * (MASS in table)]
+    groups = _groups(options, table)
     # A file that lacks a group column leaves blanks, never the text "nan".
     blank = {group: table[group].fillna("").astype("str") for group in groups}
     return table[[*columns, *groups]].assign(**blank)
@@ -362,17 +362,3 @@ def _in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...
     ranked = references.assign(_rank=rank)
     by = ["_rank", *references.columns]
     return tuple(str(name) for name in ranked.sort_values(by, kind="stable").index)
-
-
-def _telling_columns(log: Log, opened: _Opened) -> list[str]:
-    """Name unused columns of which each tells all trials apart, the fewest levels first."""
-    telling: dict[str, int] = {}
-    # What is wrong with the files is told by the first reading.
-    with suppress(UsageError):
-        files = opened(Log(log.options.with_groups(log.unused)))
-        merged = pd.concat([read_trials(file) for file in files])
-        for name in merged.columns.intersection(log.unused):
-            levels = merged[name].nunique()
-            if levels <= MOST_CONDITIONS and not merged.duplicated([*checks.TRIAL, name]).any():
-                telling[name] = levels
-    return sorted(telling, key=lambda name: telling[name])

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TypedDict, Unpack
+from typing import Any, NamedTuple, Unpack
 
 from percept.errors import Concerned, PerceptError, UsageError
 
@@ -24,24 +24,7 @@ _KEPT = 1000
 _ALIKE = 3
 
 
-class Place(TypedDict, total=False):
-    """Where a row stands: arguments of errors and notices."""
-
-    file: str
-    row: int
-
-
-class CellPlace(Place, total=False):
-    """Where a cell stands."""
-
-    column: str
-
-
 _NUMBERS = re.compile(r"[0-9][0-9.,]*")
-#: From a row's position in a table to its `file` and `row`.
-Places = Callable[[int], Place]
-
-
 #: Characters of a text from a file that a message shows.
 _CLIPPED = 60
 
@@ -56,16 +39,11 @@ def shown(names: Sequence[str], limit: int = 12) -> str:
     labels = [clip(name) for name in names[:limit]]
     if len(set(labels)) < len(set(names[:limit])):
         # Names of a series differ at their ends.
-        labels = [_without_middle(name) for name in names[:limit]]
-    listed = ", ".join(repr(label) for label in labels)
+        half = _CLIPPED // 2
+        labels = [f"{name[:half]}…{name[-half:]}" for name in names[:limit]]
+    listed = ", ".join(map(repr, labels))
     more = len(names) - limit
     return f"{listed} and {more} more" if more > 0 else listed
-
-
-def _without_middle(name: str) -> str:
-    """Shorten a name by its middle."""
-    half = _CLIPPED // 2
-    return name if len(name) <= _CLIPPED else f"{name[:half]}…{name[1 - half :]}"
 
 
 @dataclass(frozen=True)
@@ -91,24 +69,22 @@ class Notice:
         return ": ".join([":".join(parts), self.text]) if parts else self.text
 
 
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """What a check finds in a table: what is wrong, its column, row and value, and what to do."""
 
     message: str
     column: str | None = None
-    row: int | None = None  # Label in the table
+    row: Any = None  # Label in the table
     value: object = None
     hint: str = ""
 
 
 def once_per_kind(notices: Sequence[Notice]) -> tuple[Notice, ...]:
     """Merge notices on whole files that differ in numbers only: the first, with their count."""
-    kinds: dict[Notice, list[Notice]] = {}
+    kinds: dict[object, list[Notice]] = {}
     for notice in dict.fromkeys(notices):
-        kind = notice
-        if notice.file is not None and notice.row is None:
-            kind = replace(notice, file="", text=_NUMBERS.sub("#", notice.text))
+        is_of_file = notice.file is not None and notice.row is None
+        kind = (notice.column, _NUMBERS.sub("#", notice.text)) if is_of_file else notice
         kinds.setdefault(kind, []).append(notice)
     merged = []
     for first, *others in kinds.values():
@@ -165,8 +141,8 @@ class ReadError(UsageError):
     problems : sequence of UsageError
         At least one, in the order they were found. The first one's file, row, column, value and
         hint are this error's own.
-    total : int, optional
-        How many there are in all, where not all were kept.
+    total : int
+        How many there are in all; not all may be kept.
 
     Attributes
     ----------
@@ -174,12 +150,11 @@ class ReadError(UsageError):
         All that were kept.
     """
 
-    def __init__(self, problems: Sequence[UsageError], total: int | None = None) -> None:
-        first = problems[0]
-        super().__init__(first.message)
-        vars(self).update(vars(first))
+    def __init__(self, problems: Sequence[UsageError], total: int) -> None:
+        super().__init__(problems[0].message)
+        vars(self).update(vars(problems[0]))
         self.problems = tuple(problems)
-        self.total = len(self.problems) if total is None else total
+        self.total = total
 
     def __str__(self) -> str:
         if self.total == 1:
@@ -227,13 +202,9 @@ class Problems:
 
     def extend(self, error: UsageError) -> None:
         """Record an error, or each problem of a :class:`ReadError`."""
-        room = max(0, _KEPT - len(self._kept))
-        if isinstance(error, ReadError):
-            self._kept.extend(error.problems[:room])
-            self.total += error.total
-        else:
-            self._kept.extend([error][:room])
-            self.total += 1
+        problems = error.problems if isinstance(error, ReadError) else (error,)
+        self._kept += problems[: _KEPT - len(self._kept)]
+        self.total += error.total if isinstance(error, ReadError) else 1
 
     @contextmanager
     def collecting(self) -> Iterator[None]:

@@ -32,8 +32,7 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
     numbers = file.numbers(cells, names, "Correct the cell.")
     for name in names:
         for row in cells.index[file.is_missing(cells[name])].tolist():
-            message = "a published table has no empty cells."
-            file.log.problems.add(message, hint="Fill it in.", **file.place(name, row))
+            file.report(name, row, "a published table has no empty cells.", hint="Fill it in.")
     frame = cells[["environment", "parameter"]].assign(level=_LEVEL, row=cells.index)
     for name, column in numbers.items():
         frame[name] = column
@@ -45,10 +44,10 @@ def _require(file: OpenFile, names: Sequence[str]) -> None:
     """Refuse a table that lacks a column, or declares a unit."""
     for column in names:
         if column not in file.resolution.slots[0].columns:
-            there = shown(file.header.names)
+            there = shown(file.grid.header)
             message = f"a published table needs the column {column}; the columns are {there}."
             hint = "Add it, or name it in the scene's [columns]."
-            raise file.header.error(message, column, hint)
+            raise file.grid.error(message, column, hint)
     if any(rule.unit is not None for rule in file.resolution.rules.values()):
         units = " and ".join(quantity.unit for quantity in file.options.quantities.values())
         message = f"a published table is in {units}."
@@ -61,9 +60,7 @@ def _with_limits(file: OpenFile, frame: pd.DataFrame) -> pd.DataFrame:
 
     sd = frame["sd"]
     for row, value in zip(frame["row"][sd < 0], sd[sd < 0], strict=True):
-        place = file.place("sd", int(row))
-        problem = "a standard deviation is not negative."
-        file.log.problems.add(problem, value=float(value), hint="Correct it.", **place)
+        file.report("sd", int(row), "a standard deviation is not negative.", value, "Correct it.")
     n = frame["n"]
     level = frame["level"]
     # Impossible n and levels are told by the checks of the whole study.

@@ -15,27 +15,24 @@ import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions.columns import Header, Resolution, check_columns, resolve, unused_columns
+from percept.sessions.columns import Resolution, check_columns, resolve, unused_columns
 from percept.sessions.files import Input, decode, is_workbook, load
 from percept.sessions.layout import LayoutError, refuse_headless
 from percept.sessions.options import ExcludeRule, ReadOptions
 from percept.sessions.paths import expand, ids_from_name
 from percept.sessions.quantities import factor, quantity_of, with_mass
 from percept.sessions.records import (
-    CellPlace,
     Exclusion,
     Found,
     NoDataError,
     Notice,
-    Place,
-    Places,
     Problems,
     Source,
     shown,
 )
 from percept.sessions.text import Grid, text_grid
 from percept.sessions.typed import grid_of, is_typed, sheets, typed_grid
-from percept.sessions.values import SPACE, Column, Names, decimal_mark, parse_numbers
+from percept.sessions.values import SPACE, decimal_mark, parse_numbers
 
 #: Rows that are taken from a file at a time: so few that they die before Python looks for garbage.
 _ROWS = 200
@@ -52,31 +49,23 @@ class Log:
         self.notices: list[Notice] = []
         self.exclusions: list[Exclusion] = []
         self.without_trials: list[NoDataError] = []
-        self.unused: list[str] = []  # Columns of the first file that nothing is read from
         self.at_limits: list[pd.DataFrame] = []  # Adjustments left out at limits of controls
         self.counts: Counter[str] = Counter()  # Rows by what became of them
         self.parameters: set[str] = set()  # Quantities with a column of adjustments
         self.numbered = False  # Whether a column of any file numbers the trials
         self.applied: set[ExcludeRule] = set()  # Rules on texts that some row met
         self.declared_units = {name for own in options.environments.values() for name in own}
-        self.names = Names()
-        for environment in options.environments:
-            self.names.add("environment", environment)
 
-    def places(self, table: pd.DataFrame) -> Places:
-        """Return where a row of the table, by its position, stands."""
-        files = table["file"].to_numpy()
-        rows = table["row"].to_numpy()
-        return lambda at: Place(file=self.sources[int(files[at])].name, row=int(rows[at]))
+    def place(self, table: pd.DataFrame, index: Any) -> tuple[str, int]:
+        """Return the file and physical line of a row of the table."""
+        file, row = table.loc[index, ["file", "row"]]
+        return self.sources[int(file)].name, int(row)
 
     def refuse(self, table: pd.DataFrame, problems: Iterable[Found]) -> None:
         """Take up what checks find wrong, with its file and physical line."""
-        places = self.places(table)
-        for found in problems:
-            place = Place() if found.row is None else places(found.row)
-            self.problems.add(
-                found.message, column=found.column, value=found.value, hint=found.hint, **place
-            )
+        for message, column, index, value, hint in problems:
+            file, row = (None, None) if index is None else self.place(table, index)
+            self.problems.add(message, file=file, row=row, column=column, value=value, hint=hint)
 
 
 @dataclass(frozen=True)
@@ -84,7 +73,6 @@ class OpenFile:
     """A file whose header is known."""
 
     grid: Grid
-    header: Header
     resolution: Resolution
     ids: Mapping[str, str]  # Of the file's name
     log: Log
@@ -102,6 +90,16 @@ class OpenFile:
     def notice(self, text: str) -> None:
         """Say something about the whole file."""
         self.log.notices.append(Notice(text, self.name))
+
+    def report(
+        self, column: Any, row: Any, message: str, value: object = None, hint: str = ""
+    ) -> None:
+        """Record a problem of a column, by its canonical name or its own label."""
+        canonical = str(getattr(column, "name", column))
+        rule = self.resolution.rules.get(canonical)
+        own = canonical if rule is None else rule.name
+        hint = hint.replace("COLUMN", own).replace("CANONICAL", canonical)
+        self.log.problems.add(message, file=self.name, row=row, column=own, value=value, hint=hint)
 
     def cells(self, positions: Collection[int]) -> pd.DataFrame:
         """Give the texts of columns by position; the index is the physical line."""
@@ -130,28 +128,21 @@ class OpenFile:
     def numbers(
         self, data: pd.DataFrame, names: Iterable[Any], correct: str
     ) -> dict[Any, npt.NDArray[np.float64]]:
-        """Convert columns of text to numbers, by the one decimal mark of the file."""
-        selection = self.options.sessions
-        problems = self.log.problems
-        columns = {}
-        for name in names:
-            canonical = str(getattr(name, "name", name))
-            columns[name] = Column(canonical, data[name], self.place(canonical))
-        mark = selection.decimal
-        if mark is None:
-            mark = decimal_mark([*columns.values()], self.grid.delimiter, problems)
-        return {
-            name: parse_numbers(column, mark, selection.marks, problems, correct)
-            for name, column in columns.items()
-        }
+        """Convert columns of text to numbers, by the one decimal mark of the file.
 
-    def place(self, column: str, row: int | None = None) -> CellPlace:
-        """Where a column stands, by its canonical name or its own."""
-        rule = self.resolution.rules.get(column)
-        place = CellPlace(file=self.name, column=column if rule is None else rule.name)
-        if row is not None:
-            place["row"] = int(row)
-        return place
+        `correct` says what to do about a cell that has no better remedy.
+        """
+
+        def report(column: Any, row: int, message: str, value: str, hint: str) -> None:
+            self.report(column, row, message, value, hint or correct)
+
+        selection = self.options.sessions
+        columns = {name: data[name] for name in names}
+        mark = selection.decimal or decimal_mark(columns, self.grid.delimiter, report)
+        return {
+            name: parse_numbers(name, cells, mark, selection.marks, report)
+            for name, cells in columns.items()
+        }
 
 
 def open_files(paths: Sequence[str | Path], log: Log) -> Iterator[OpenFile]:
@@ -218,26 +209,28 @@ def _read(table: OpenFile, digest: str) -> Iterator[OpenFile]:
 
 def _open(grid: Grid, ids: Mapping[str, str], log: Log) -> OpenFile:
     """Find out from the header what kind of table a file is."""
-    header = Header(grid.header, grid.file, log.paths)
-    found = _with_units(grid, resolve(header, log.options), log.options)
-    file = OpenFile(grid, header, found, ids, log)
+    options = log.options
+    found = _with_units(grid, resolve(grid, options), options)
+    file = OpenFile(grid, found, ids, log)
     if found.form == "trials":
+        present = {*found.known, *ids}
+        if options.sessions.subject == "row":
+            present.add("subject")
         try:
-            check_columns(header, found, log.options, ids)
+            check_columns(grid, present, options, log.paths)
         except UsageError:
             refuse_headless(grid.header, [cells for _, cells in grid.sample], grid.file)
             raise
-        log.numbered |= found.is_numbered
-        log.parameters |= {p for p in log.options.quantities if f"{p}_adj" in found.rules}
+        log.numbered |= "trial" in found.known
+        log.parameters |= {p for p in options.quantities if f"{p}_adj" in found.rules}
         log.declared_units |= {c for c, rule in found.rules.items() if rule.has_known_unit}
     for text in found.announced:
         file.notice(text)
     for column in sorted(ids.keys() & found.rules.keys()):
         own = found.rules[column].name
         file.notice(f"{column} is taken from the file's name; column {own!r} is not used")
-    if unused := unused_columns(header, found, log.options):
+    if unused := unused_columns(grid, found, options):
         file.notice(f"columns not used: {shown(unused)}")
-        log.unused = log.unused or [own for own in unused if header.names.count(own) == 1]
     return file
 
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from itertools import chain, islice
 from typing import Literal
 
-from percept.errors import UsageError
+from percept.errors import UsageError, did_you_mean
 from percept.sessions.layout import (
     COMMENT,
     MOST_ROWS,
@@ -90,6 +90,22 @@ class Grid:
         self.header = [name.strip() or f"column {number}" for number, name in enumerate(named, 1)]
         self._rows = self._data(names, records)
         self.sample = list(islice(self._rows, _SAMPLE))
+
+    def position(self, name: str) -> int:
+        """Return where the one column of a name stands."""
+        if self.header.count(name) == 1:
+            return self.header.index(name)
+        message = f"there is no column {name!r}."
+        if name in self.header:
+            message = f"two columns have the name {name!r}."
+        hint = f"The columns are {shown(self.header)}.{did_you_mean(name, self.header)}"
+        raise self.error(message, name, hint)
+
+    def error(
+        self, message: str, column: str, hint: str, kind: type[UsageError] = UsageError
+    ) -> UsageError:
+        """Return an error about a column of the header."""
+        return kind(message, file=self.file, row=1, column=column, hint=hint)
 
     def rows(self) -> Rows:
         """Give the rows of data, once."""

@@ -26,7 +26,6 @@ _CORRECT = "Correct the cell, or leave it empty if there was no adjustment."
 _MERGED = 0.5
 #: Above this, doubles do not tell whole numbers apart.
 _WHOLE = 2.0**53
-_EARLIER = "earlier event of a trial"
 _Mask = npt.NDArray[np.bool_]
 
 
@@ -41,12 +40,11 @@ class OwnColumn:
 def read_trials(file: OpenFile) -> pd.DataFrame:
     """Give the observations of a file: canonical columns, groups, physical `row`."""
     data = _melted(file)
-    data = _with_ids(file, data)
     data = _selected(file, data)
-    data = _picked(file, data)
+    _pick(file, data)
     data = _with_adjustments(file, data)
     _check_ids(file, data)
-    data = _converted(file, data)
+    _convert(file, data)
     data = _last_events(file, data)
     data = _within_limits(file, data)
     return _laid_out(file, data)
@@ -54,7 +52,7 @@ def read_trials(file: OpenFile) -> pd.DataFrame:
 
 def _groups(file: OpenFile) -> list[str]:
     """Name the columns of groups that the file has."""
-    kept = [name for name in KEPT_COLUMNS if name in file.header.names]
+    kept = [name for name in KEPT_COLUMNS if name in file.grid.header]
     return list(dict.fromkeys((*kept, *file.options.sessions.groups)))
 
 
@@ -67,12 +65,12 @@ def _own_columns(file: OpenFile) -> dict[Any, int]:
         if rule.column not in canonical:
             names.append(OwnColumn(rule.column, is_number=not rule.equals))
     for column in file.resolution.rules.values():
-        names += [OwnColumn(name) for name in column.also]
-    return {own: file.header.position(own.name) for own in names}
+        names += map(OwnColumn, column.also)
+    return {own: file.grid.position(own.name) for own in names}
 
 
 def _melted(file: OpenFile) -> pd.DataFrame:
-    """Give a row for each observation: one set of columns, or several below one another."""
+    """Give a row for each observation, with its ids: one set of columns, or several melted."""
     own = _own_columns(file)
     slots = file.resolution.slots
     cells = file.cells({at for slot in slots for at in (*own.values(), *slot.columns.values())})
@@ -85,27 +83,13 @@ def _melted(file: OpenFile) -> pd.DataFrame:
     if len(parts) > 1:
         # Columns of other slots are blank in this one.
         data = pd.concat(parts).fillna("").sort_index(kind="stable")
-    return data.assign(**file.ids)
-
-
-def _numbers(file: OpenFile, names: Iterable[Any]) -> list[Any]:
-    """Give the columns of numbers among those named."""
-    canonical = {"trial", *numbers_of(file.options.quantities)}
-    return [name for name in names if name in canonical or getattr(name, "is_number", False)]
-
-
-def _with_ids(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
-    """Join ids of several columns, and write ids and groups in one spelling."""
+    data = data.assign(**file.ids)
     if file.options.sessions.subject == "row":
         stem = PurePath(file.name).stem
         data["subject"] = [f"{stem} {row}" for row in data.index]
     for canonical, rule in file.resolution.rules.items():
         if rule.also:
             data[canonical] = _joined(file, data, canonical, rule.also)
-    columns: dict[Any, str] = {name: name for name in IDS if name in data}
-    columns |= {OwnColumn(name): name for name in _groups(file)}
-    for column, name in columns.items():
-        data[column] = file.log.names.settle(name, data[column], file.name)
     return data
 
 
@@ -113,14 +97,19 @@ def _joined(file: OpenFile, data: pd.DataFrame, canonical: str, also: tuple[str,
     """Join ids of several columns; one that lacks a part is blank, and so missing."""
     columns = [data[canonical], *(data[OwnColumn(name)] for name in also)]
     records = list(zip(*columns, strict=True))
+    joined = {
+        parts: "-".join(parts) if all(map(str.strip, parts)) else ""
+        for parts in dict.fromkeys(records)
+    }
     parts_of: dict[str, tuple[str, ...]] = {}
-    for parts in dict.fromkeys(records):
-        joined = "-".join(parts)
-        if all(map(str.strip, parts)) and parts_of.setdefault(joined, parts) != parts:
-            message = f"{shown(parts)} and {shown(parts_of[joined])} both join to {joined!r}."
+    for parts, text in joined.items():
+        first = parts_of.setdefault(text, parts)
+        if text and first != parts:
+            message = f"{shown(parts)} and {shown(first)} both join to {text!r}."
             hint = "Take the hyphens out of one of these columns."
-            raise UsageError(message, hint=hint, **file.place(canonical))
-    return ["-".join(parts) if all(map(str.strip, parts)) else "" for parts in records]
+            column = file.resolution.rules[canonical].name
+            raise UsageError(message, hint=hint, file=file.name, column=column)
+    return [joined[parts] for parts in records]
 
 
 def _selected(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
@@ -133,12 +122,19 @@ def _selected(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
             continue
         column = OwnColumn(rule.column) if OwnColumn(rule.column) in data else rule.column
         if column not in data:
-            file.header.position(rule.column)
+            file.grid.position(rule.column)
         excluded = _among(data[column], rule.equals)
         if excluded.any():
             file.log.applied.add(rule)
         data = _exclude(file, data, excluded, rule.why)
     return data
+
+
+def _among(cells: pd.Series[Any], texts: Sequence[str]) -> _Mask:
+    """Which cells hold one of the texts, however it is spelled."""
+    wanted = set(map(values.fold, texts))
+    spelled = [cell for cell in cells.unique() if values.fold(str(cell)) in wanted]
+    return cells.isin(spelled).to_numpy()
 
 
 def _keep(file: OpenFile, data: pd.DataFrame, kept: _Mask, reason: str) -> pd.DataFrame:
@@ -157,23 +153,22 @@ def _exclude(
     for row, own in zip(ids.index.tolist(), ids.to_dict("records"), strict=True):
         if of_trials and not (own["subject"].strip() and own["environment"].strip()):
             continue
-        what = []
-        for column in ("session", "environment", "trial"):
-            name = own[column].removesuffix(".0")
-            if name:
-                what.append(f"{column} {name}")
+        what = [
+            f"{column} {own[column].removesuffix('.0')}"
+            for column in ("session", "environment", "trial")
+            if own[column]
+        ]
         exclusion = Exclusion(own["subject"], ", ".join(what), why, file.name, row)
         file.log.exclusions.append(exclusion)
     return _keep(file, data, ~excluded, f"excluded: {why}")
 
 
-def _picked(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+def _pick(file: OpenFile, data: pd.DataFrame) -> None:
     """Take values out of JSON cells; records of other kinds of trial may lack them."""
     for canonical, rule in file.resolution.rules.items():
         if rule.path is not None:
             picked = _picks(file, data[canonical], canonical, rule.path)
             data[canonical] = pd.Series(picked, index=data.index, dtype="str")
-    return data
 
 
 def _picks(file: OpenFile, cells: pd.Series[str], canonical: str, path: str) -> list[str]:
@@ -190,8 +185,7 @@ def _picks(file: OpenFile, cells: pd.Series[str], canonical: str, path: str) -> 
             hint = (
                 f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
             )
-            place = file.place(canonical, row)
-            file.log.problems.add(f"{error}.", value=cell, hint=hint, **place)
+            file.report(canonical, row, f"{error}.", cell, hint)
         if value is None:
             lacking.append(cell)
         else:
@@ -200,10 +194,11 @@ def _picks(file: OpenFile, cells: pd.Series[str], canonical: str, path: str) -> 
     if lacking and not found:
         file.log.problems.add(
             "no row has this path.",
+            file=file.name,
+            column=file.resolution.rules[canonical].name,
             key=f"columns.{canonical}.path",
             value=path,
             hint=f"Correct it: it begins inside a cell such as {shown(lacking[:1])}.",
-            **file.place(canonical),
         )
     return picked
 
@@ -215,61 +210,56 @@ def _with_adjustments(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     return _exclude(file, data, blank, "no adjustment", of_trials=True)
 
 
-def _blank(ids: pd.Series[str]) -> _Mask:
-    """Which ids are blank; they are few, so that each is looked at once."""
-    return ids.isin([name for name in ids.unique() if not name.strip()]).to_numpy()
-
-
 def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
     """Refuse observations without an id, or without a number in a column of trials."""
-    problems = file.log.problems
     for column in (*IDS, "trial"):
         if column not in data:
             continue
-        missing = file.is_missing(data[column]) if column == "trial" else _blank(data[column])
-        if missing.sum() > 1 and missing.mean() >= _MERGED and not missing[0]:
-            place = file.place(column, data.index[missing][0])
-            message = f"{missing.sum()} of {len(data)} rows have no {column}: cells merged down?"
+        if column == "trial":
+            missing = file.is_missing(data[column])
+        else:
+            blank = [name for name in data[column].unique() if not name.strip()]
+            missing = data[column].isin(blank).to_numpy()
+        rows = data.index[missing]
+        if len(rows) > 1 and missing.mean() >= _MERGED and not missing[0]:
+            message = f"{len(rows)} of {len(data)} rows have no {column}: cells merged down?"
             hint = "Write it in every row: unmerge the cells, and fill each down."
-            problems.add(message, hint=hint, **place)
+            file.report(column, rows[0], message, hint=hint)
             continue
-        for row in data.index[missing]:
+        for row in rows:
             hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
-            problems.add(f"an adjustment has no {column}.", hint=hint, **file.place(column, row))
+            file.report(column, row, f"an adjustment has no {column}.", hint=hint)
 
 
-def _converted(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+def _numbers(file: OpenFile, names: Iterable[Any]) -> list[Any]:
+    """Give the columns of numbers among those named."""
+    canonical = {"trial", *numbers_of(file.options.quantities)}
+    return [name for name in names if name in canonical or getattr(name, "is_number", False)]
+
+
+def _convert(file: OpenFile, data: pd.DataFrame) -> None:
     """Convert columns of numbers to percept's units, by the file's one decimal mark."""
-    rows = data.index.to_numpy()
     quantities = with_mass(file.options.quantities)
     for name, numbers in file.numbers(data, _numbers(file, data), _CORRECT).items():
         rule = file.resolution.rules.get(name)
+        data[name] = numbers
         if name == "trial":
-            data[name] = _whole(file, numbers, rows)
-            continue
-        converted = numbers
-        if rule is not None:
+            data[name] = _whole(file, data[name])
+        elif rule is not None:
             converted = (numbers + rule.offset) * rule.scale
             if rule.response == "log":
                 converted = np.power(10.0, converted)
-            converted = convert(converted, rule.unit, quantities[quantity_of(name)])
-        data[name] = converted
-    return data
+            data[name] = convert(converted, rule.unit, quantities[quantity_of(name)])
 
 
-def _whole(
-    file: OpenFile, trials: npt.NDArray[np.float64], rows: npt.NDArray[np.int64]
-) -> npt.NDArray[np.int64]:
+def _whole(file: OpenFile, trials: pd.Series[float]) -> pd.Series[int]:
     """Numbers of trials; those that are not whole are problems."""
-    whole = (np.abs(trials) < _WHOLE) & (trials == np.round(trials))
-    for position in np.flatnonzero(~whole & ~np.isnan(trials)).tolist():
-        file.log.problems.add(
-            "a trial number must be whole.",
-            value=float(trials[position]),
-            hint="Number the trials 1, 2, 3 …",
-            **file.place("trial", rows[position]),
+    whole = (trials.abs() < _WHOLE) & (trials == trials.round())
+    for row, value in trials[~whole & trials.notna()].items():
+        file.report(
+            "trial", row, "a trial number must be whole.", value, "Number the trials 1, 2, 3 …"
         )
-    return np.where(whole, trials, 0).astype(np.int64)
+    return trials.where(whole, 0).astype(np.int64)
 
 
 def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
@@ -282,17 +272,17 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     # Physical lines may repeat in a wide table: values go by position.
     for column in numbers:
         data[column] = filled[column].to_numpy()
-    last = _keep(file, data, ~data.duplicated(ids, keep="last").to_numpy(), _EARLIER)
+    is_last = ~data.duplicated(ids, keep="last").to_numpy()
     rows = len(data)
-    earlier = rows - len(last)
+    earlier = rows - int(is_last.sum())
     text = (
         f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%})'
         " as earlier events of a trial"
     )
-    if not file.resolution.is_numbered:
+    if "trial" not in file.resolution.known:
         text += "; no column numbers the trials, so one row stays per subject and environment"
     file.notice(text)
-    return last
+    return _keep(file, data, is_last, "earlier event of a trial")
 
 
 def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
@@ -321,14 +311,6 @@ def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     if MASS in data or any(MASS in own for own in options.environments.values()):
         defaults[MASS] = np.nan
     columns = {column: data.get(column, value) for column, value in defaults.items()}
-    for name in _groups(file):
-        columns[name] = data[OwnColumn(name)]
+    columns |= {name: data[OwnColumn(name)] for name in _groups(file)}
     frame = pd.DataFrame(columns, index=data.index).assign(row=data.index)
     return frame.astype(dict.fromkeys(IDS, "str"))
-
-
-def _among(cells: pd.Series[Any], texts: Sequence[str]) -> _Mask:
-    """Which cells hold one of the texts, however it is spelled."""
-    wanted = {values.fold(text) for text in texts}
-    spelled = [cell for cell in cells.unique() if values.fold(str(cell)) in wanted]
-    return cells.isin(spelled).to_numpy()

@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.sessions.records import CellPlace, Notice, Problems, clip
+from percept.sessions.records import clip
 
 Mark = Literal[".", ","]
+#: Takes a problem: its column, row, message, value and hint. COLUMN in the hint stands for the name
+#: of the column in the file, and CANONICAL for percept's.
+Report = Callable[[Any, int, str, str, str], None]
 
 #: Numbers lie between these in size, or are zero: products of three of them are doubles still.
 LEAST = 1e-100
@@ -77,7 +79,6 @@ _NO_NUMBERS = (
         ' "COLUMN", unit = "UNIT" }.',
     ),
     (r"(?i:[+-]?inf(inity)?)", "not a finite number.", ""),
-    (r"(?s:.*)", "not a number.", ""),
 )
 _ZERO_WIDTH = re.compile("[\u200b-\u200f\u2060\ufeff\u00ad]")
 
@@ -87,20 +88,7 @@ def is_missing(cell: str, marks: Container[str] = MISSING) -> bool:
     return cell.strip(SPACE).lower() in marks
 
 
-@dataclass(frozen=True)
-class Column:
-    """Cells that hold numbers, by physical line, and where they stand."""
-
-    canonical: str
-    cells: pd.Series[str]
-    place: CellPlace
-
-    def at(self, index: int) -> CellPlace:
-        """Where a cell stands."""
-        return CellPlace(**{**self.place, "row": int(self.cells.index[index])})
-
-
-def decimal_mark(columns: Sequence[Column], delimiter: str, problems: Problems) -> Mark:
+def decimal_mark(columns: Mapping[Any, pd.Series[str]], delimiter: str, report: Report) -> Mark:
     """Find the decimal mark of a file from all its cells of numbers that are used.
 
     Where every cell has two readings the scene has to say. So it has where semicolons separate the
@@ -124,21 +112,21 @@ def decimal_mark(columns: Sequence[Column], delimiter: str, problems: Problems) 
         f'Declare [sessions] decimal = "{mark}". If the {_WORDS[mark]} separates thousands, write'
         f' them without it and declare decimal = "{_OTHER[mark]}".'
     )
-    for column, index, cell in marked:
-        problems.add(f"{_readings(cell)}.", value=cell, hint=hint, **column.at(index))
+    for column, row, cell in marked:
+        report(column, row, f"{_readings(cell)}.", cell, hint)
     return mark
 
 
-def _marked(sign: Mark, columns: Sequence[Column]) -> Iterator[tuple[Column, int, str]]:
-    """Give the place and text of each number that has a mark."""
-    for column in columns:
-        for index in np.flatnonzero(column.cells.str.contains(sign, regex=False)).tolist():
-            text = column.cells.iloc[index].strip(SPACE)
+def _marked(sign: Mark, columns: Mapping[Any, pd.Series[str]]) -> Iterator[tuple[Any, int, str]]:
+    """Give the column, row and text of each number that has a mark."""
+    for column, cells in columns.items():
+        for row, cell in cells[cells.str.contains(sign, regex=False)].items():
+            text = cell.strip(SPACE)
             if _NUMBER[sign].fullmatch(text):
-                yield column, index, text
+                yield column, int(str(row)), text
 
 
-def _with_one_reading(cells: Sequence[tuple[Column, int, str]]) -> int:
+def _with_one_reading(cells: Sequence[tuple[Any, int, str]]) -> int:
     """How many cells hold a mark that cannot separate thousands."""
     return sum(_TWO_READINGS.fullmatch(cell) is None for _, _, cell in cells)
 
@@ -148,13 +136,10 @@ def _readings(cell: str) -> str:
 
 
 def parse_numbers(
-    column: Column, mark: Mark, marks: Container[str], problems: Problems, correct: str
+    column: Any, series: pd.Series[str], mark: Mark, marks: Container[str], report: Report
 ) -> npt.NDArray[np.float64]:
-    """Convert cells to numbers, NaN where there is no value; what is neither is a problem.
-
-    `correct` says what to do about one that has no better remedy.
-    """
-    cells = column.cells.tolist()
+    """Convert cells to numbers, NaN where there is no value; what is neither is reported."""
+    cells = series.tolist()
     plain = _plain_numbers(cells, mark)
     if plain is not None:
         return plain
@@ -171,9 +156,8 @@ def parse_numbers(
         elif text.lower() in marks:
             continue
         else:
-            own = column.place.get("column", "")
-            message, hint = _diagnosis(text, mark, own, column.canonical)
-        problems.add(message, value=cell, hint=hint or correct, **column.at(index))
+            message, hint = _diagnosis(text, mark)
+        report(column, int(series.index[index]), message, cell, hint)
     return numbers
 
 
@@ -193,7 +177,7 @@ def _plain_numbers(cells: Sequence[str], mark: Mark) -> npt.NDArray[np.float64] 
     return None if (tiny | (sizes > LARGEST)).any() else numbers
 
 
-def _diagnosis(text: str, mark: Mark, column: str, canonical: str) -> tuple[str, str]:
+def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
     """Say what is wrong with a cell that is no number, and what to do about it."""
     other = _OTHER[mark]
     if _NUMBER[other].fullmatch(text):
@@ -203,14 +187,11 @@ def _diagnosis(text: str, mark: Mark, column: str, canonical: str) -> tuple[str,
             " [sessions] decimal."
         )
         return f"{what}; the file is read with the decimal mark {mark!r}.", hint
-    what, hint = next(
-        (what, hint) for pattern, what, hint in _NO_NUMBERS if re.fullmatch(pattern, text)
-    )
     unit = re.sub("^[-+]?[0-9.,]*", "", text).strip()
-    words = {"COLUMN": column, "CELL": clip(text), "CANONICAL": canonical or column, "UNIT": unit}
-    for word, own in words.items():
-        hint = hint.replace(word, own)
-    return what, hint
+    for pattern, what, hint in _NO_NUMBERS:
+        if re.fullmatch(pattern, text):
+            return what, hint.replace("CELL", clip(text)).replace("UNIT", unit)
+    return "not a number.", ""
 
 
 class CellError(ValueError):
@@ -254,44 +235,3 @@ def fold(name: str) -> str:
     """Write a name in one Unicode form (NFC), without zero-width characters and surplus spaces."""
     visible = _ZERO_WIDTH.sub("", unicodedata.normalize("NFC", name))
     return " ".join(visible.split())
-
-
-class Names:
-    """Names seen so far by column: those that differ in spaces or Unicode form only are one.
-
-    The spelling that comes first stands for all of them.
-    """
-
-    def __init__(self) -> None:
-        self._first: dict[tuple[str, str], str] = {}
-        self._others: dict[tuple[str, str], dict[str, str]] = {}  # With the place of each
-
-    def add(self, column: str, name: str) -> None:
-        """Take a spelling from the scene, which goes before the files' spellings."""
-        self._first.setdefault((column, fold(name)), name)
-
-    def settle(self, column: str, cells: pd.Series[str], file: str) -> pd.Series[str]:
-        """Write every name of a column in its first spelling."""
-        spelled: dict[str, str] = {}
-        for name in cells.unique():
-            key = (column, fold(name))
-            first = self._first.setdefault(key, name)
-            if name == first:
-                continue
-            spelled[name] = first
-            row = cells.index[cells == name][0]
-            self._others.setdefault(key, {}).setdefault(name, f"{file}:{row}")
-        return cells.replace(spelled) if spelled else cells
-
-    def notices(self) -> list[Notice]:
-        """Say which names have several spellings."""
-        notices = []
-        for key, places in self._others.items():
-            column, _ = key
-            text = (
-                f"{column} {self._first[key]!r} is one name with another spelling in"
-                f" {', '.join(places.values())}: they differ in spaces, zero-width characters or"
-                " Unicode form only"
-            )
-            notices.append(Notice(text))
-        return notices

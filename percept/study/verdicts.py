@@ -340,9 +340,8 @@ def leaning_on_slips(
         rows = []
         for slip in sessions.slips:
             if slip.environment == verdict.environment:
-                place = sessions.place(slip.index)
-                file = PurePath(place.get("file", "")).name
-                rows.append(Note(slip.text, file, place.get("row")))
+                file, row = sessions.locate(slip.index)
+                rows.append(Note(slip.text, PurePath(file or "").name, row))
         leaning = None
         if rows:
             other = others.get((verdict.environment, verdict.coupled))

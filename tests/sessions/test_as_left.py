@@ -170,29 +170,6 @@ def test_repeats_without_numbers_are_one_problem(tmp_path):
     assert 'conditions of one subject, name their column: [study] factor = "…".' in error.hint
 
 
-@pytest.mark.parametrize("as_frame", [False, True])
-def test_repeats_name_the_columns_that_tell_them_apart(tmp_path, as_frame):
-    head = HEAD.replace("\n", ",side,load,answer\n")
-    two = ""
-    four = ""
-    for subject in (1, 2):
-        for n, side in enumerate(("left", "right")):
-            two += f"{subject},a,10,{11 + n},{side},load{n},answer{n}\n"
-            four += f"{subject},a,10,{11 + n},{side},low,answer{n}\n"
-            four += f"{subject},a,10,{21 + n},{side},high,answer{n + 2}\n"
-    file = tmp_path / "f.csv"
-    wanted = {
-        two: "each of the columns 'side', 'load', 'answer' tells them apart: [study]"
-        ' factor = "side".',
-        four: "column 'answer' tells them apart: [study] factor = \"answer\".",
-    }
-    for rows, hint in wanted.items():
-        file.write_text(head + rows)
-        with pytest.raises(UsageError) as caught:
-            read_sessions(pd.read_csv(file) if as_frame else file)
-        assert caught.value.hint.endswith(f"For conditions of one subject, {hint}")
-
-
 def test_many_duplicates_are_one_problem_and_few_are_named(tmp_path):
     head = HEAD.replace("\n", ",trial\n")
     few = refusal(tmp_path, head + "1,a,10,11,1\n2,a,10,11,1\n2,a,10,11,1\n")
