@@ -329,23 +329,6 @@ class Discs:
                 shares[rows, frequencies] = share_within(some, plane, radius, integral)
         return shares
 
-    def shares_of(
-        self,
-        draw: Indices,
-        index: Indices,
-        accuracy: float,
-    ) -> Array:
-        """Return the shares of some populations at some frequencies, (n,)."""
-        shares = np.empty(draw.shape)
-        row = draw if len(self._radius) > 1 else np.zeros_like(draw)
-        for integral, frequencies in self.integrals(accuracy).items():
-            (here,) = np.nonzero(frequencies[index])
-            cells = row[here], index[here]
-            plane = DistancePlane(*(field[cells] for field in self._plane))
-            users = self._users.select(draw[here])
-            shares[here] = share_within(users, plane, self._radius[cells], integral)
-        return shares
-
     def integrals(self, accuracy: float) -> dict[DiscIntegral, Flags]:
         """Say for each integral at which frequencies (M,) it settles with the fewest nodes.
 

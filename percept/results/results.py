@@ -141,7 +141,8 @@ class Results:
     ladder: Ladder | None = field(metadata=_part(needs="why"), default=None)
     diagnostics: Diagnostics | None = field(metadata=_part())
     checks: Checks | None = field(metadata=_part("checking the model", of="all_checks"))
-    skipped: tuple[Skipped, ...] = field(metadata=_part(of="skipped_rows"))
+    #: Without curves, these are skipped as a whole
+    skipped: tuple[Skipped, ...] = field(metadata=_part(of="skipped_rows", needs="curves"))
     #: Tests of the terms of `contrast`; empty without factors
     anova: tuple[AnovaRow, ...] = field(metadata=_part(), default=())
     levels: tuple[LevelValues, ...] = field(

@@ -250,9 +250,11 @@ class Study(Displayed):
         with beside(partial(work_out, of_copy)) as done:
             found |= work_out(name for name in asked if name not in (*found, *of_copy))
             found |= done()
-        if not curves and self.interval_rows:
-            absent = Skipped("boundaries, coupling and band law", "run percept report")
-            found["skipped"] = (*self.skipped_before_curves, absent)
+        if not curves:
+            found["skipped"] = self.skipped_before_curves
+            if self.interval_rows:
+                absent = Skipped("boundaries, coupling and band law", "run percept report")
+                found["skipped"] += (absent,)
         return Results(**found)
 
     def report(self, directory: str | Path, **options: Any) -> Path:
