@@ -268,7 +268,7 @@ class _Couplings:
 
     def confirmed_end(self, end: End) -> ConfirmedCoupling | None:
         """Return the stiffest or the softest coupling that surely reaches the decision."""
-        wanted = self._decision
+        wanted = self._decision + _ERRORS * share_error(self._decision, _END_DRAWS)
         for _ in range(_TRIALS):
             coupling = self._end(end, wanted)
             if coupling is None:
