@@ -220,9 +220,7 @@ class _Solution:
         fitted = fitted.reshape(*rows.data.shape, self._width)
         residuals = rows.data[..., None] - fitted
         for (number, column), fit in zip(self._effects, effects, strict=True):
-            times = fit[rows.pattern]
-            if number > 0 or rows.covariates is not None:
-                times *= rows.multipliers[number][:, None]
+            times = rows.multipliers[number][:, None] * fit[rows.pattern]
             residuals -= column[:, rows.kind] * times
         by_unit = self._noise[rows.kind].distance(tuple(residuals[:, None]))
         return np.asarray(by_unit.sum(axis=0))

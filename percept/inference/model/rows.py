@@ -24,7 +24,7 @@ from scipy import sparse
 from percept.inference.model.blocks import Block
 from percept.inference.model.design import Design, columns_by_quantity
 from percept.inference.model.scales import CellScales
-from percept.inference.model.statistics import Statistics, TrialScatter
+from percept.inference.model.statistics import Covariates, Statistics, TrialScatter
 
 __all__ = ["Rows"]
 
@@ -79,29 +79,19 @@ class Rows:
         self.environments = len(design.cells.environments)
         self.environment = design.cells.environment
         self.patterns = len(statistics.patterns)
-        self.covariates = statistics.covariates
         self.own = columns_by_quantity(design.deviation, self.size, self.cells)
         self.fixed = columns_by_quantity(design.fixed, self.size, self.cells)
-        self._covariate_sd = covariate_sd
+        #: Number a J of own deviations.
+        self.deviations = len(self.own) * self.environments
+        slopes = 0
+        if statistics.covariates is not None:
+            slopes = self.size * len(statistics.covariates.names)
+        self.locations = self.size * self.cells + slopes + len(self.fixed)
         self._set_units(statistics)
         self._set_kinds(statistics.scatter)
-        self._set_columns()
+        self._set_basis(slopes, covariate_sd)
+        self._set_columns(covariate_sd)
         self._set_products()
-
-    @property
-    def deviations(self) -> int:
-        """Number a J of own deviations."""
-        return len(self.own) * self.environments
-
-    @property
-    def slopes(self) -> int:
-        """Number of slopes of covariates, one for each quantity."""
-        return 0 if self.covariates is None else self.size * len(self.covariates.names)
-
-    @property
-    def locations(self) -> int:
-        """Number R of locations: cells by quantity, slopes of covariates, fixed coefficients."""
-        return self.size * self.cells + self.slopes + len(self.fixed)
 
     def own_sd(self, tau: Array) -> Array:
         """SDs (a, W) of own deviations, in the order of their columns, from (o, P, W)."""
@@ -127,56 +117,50 @@ class Rows:
         """Columns of effects by kind, (P, kinds, W) each, with the number of their multiplier."""
         at_kinds = scales.effects[:, :, self._cell_of_kind]
         columns = [(0, column) for column in at_kinds]
-        shape = (self.size, len(self._cell_of_kind), at_kinds.shape[-1])
         for number, covariance in enumerate(scales.slopes):
             for root in covariance.factor_columns():
-                column = np.broadcast_to(np.stack(root)[:, None], shape)
+                column = np.broadcast_to(np.stack(root)[:, None], at_kinds.shape[1:])
                 columns.append((1 + number, column))
         return columns
 
     def _set_units(self, statistics: Statistics) -> None:
         """Line up the cell means of all patterns, then rows of trials."""
-        count = 0 if self.covariates is None else len(self.covariates.names)
-        pattern = []
-        cell = []
-        trials = []
-        data = [np.zeros((self.size, 0))]
-        values = [np.zeros((count, 0))]
-        pattern_of = np.zeros(len(statistics.subjects), dtype=np.intp)
-        for g, of_pattern in enumerate(statistics.patterns):
-            root = np.sqrt(of_pattern.subjects)
-            present = of_pattern.environments
-            pattern.append(np.full(len(present), g))
-            cell.append(present)
-            trials.append(of_pattern.trials)
-            data.append(root * of_pattern.mean)
-            if statistics.subjects:
-                pattern_of[of_pattern.members] = g
-            if self.covariates is not None:
-                (member,) = of_pattern.members
-                values.append(self.covariates.mean[:, member][:, present])
-        means = sum(len(part) for part in cell)
-        if self.covariates is not None:
-            rows = self.covariates.row_cell
-            pattern.append(pattern_of[self.covariates.row_subject])
-            cell.append(rows)
-            trials.append(np.ones(len(rows)))
-            data.append(self.covariates.row_responses)
-            values.append(self.covariates.row_values)
-        self.pattern = np.concatenate(pattern)
-        self.cell = np.concatenate(cell)
-        self.data = np.concatenate(data, axis=1)
-        self._trials = np.concatenate(trials)
-        self._values = np.concatenate(values, axis=1)
-        self._mean_units = np.arange(len(self.cell)) < means
-        self.pattern_of_subject = pattern_of
-        roots = np.sqrt([of_pattern.subjects for of_pattern in statistics.patterns])
-        self._root_subjects = np.where(self._mean_units, roots[self.pattern], 0.0)
-        multipliers = [self._mean_units.astype(float)]
-        if self.covariates is not None:
-            for name in self.covariates.within:
-                multipliers.append(self._values[self.covariates.names.index(name)])
-        self.multipliers = np.stack(multipliers)
+        patterns = statistics.patterns
+        sizes = [len(pattern.environments) for pattern in patterns]
+        self.pattern = np.repeat(np.arange(len(patterns)), sizes)
+        self.cell = np.concatenate([pattern.environments for pattern in patterns])
+        self._trials = np.concatenate([pattern.trials for pattern in patterns])
+        roots = np.sqrt([pattern.subjects for pattern in patterns])
+        self._root_subjects = roots[self.pattern]
+        means = np.concatenate([pattern.mean for pattern in patterns], axis=1)
+        self.data = self._root_subjects * means
+        self._mean_units = np.ones(len(self.cell), dtype=bool)
+        #: Of covariates, (M, U).
+        self._values = np.zeros((0, len(self.cell)))
+        self.pattern_of_subject = np.zeros(len(statistics.subjects), dtype=np.intp)
+        if statistics.subjects:
+            for g, pattern in enumerate(patterns):
+                self.pattern_of_subject[pattern.members] = g
+        within: list[int] = []
+        covariates = statistics.covariates
+        if covariates is not None:
+            within = [covariates.names.index(name) for name in covariates.within]
+            self._append_trials(statistics, covariates)
+        self.multipliers = np.concatenate([[self._mean_units.astype(float)], self._values[within]])
+
+    def _append_trials(self, statistics: Statistics, covariates: Covariates) -> None:
+        """Append rows of trials, and take the covariates: each pattern is a subject."""
+        rows = len(covariates.row_cell)
+        member = np.concatenate([pattern.members for pattern in statistics.patterns])
+        of_means = covariates.mean[:, member[self.pattern], self.cell]
+        of_rows = self.pattern_of_subject[covariates.row_subject]
+        self.pattern = np.concatenate([self.pattern, of_rows])
+        self.cell = np.concatenate([self.cell, covariates.row_cell])
+        self._trials = np.concatenate([self._trials, np.ones(rows)])
+        self._root_subjects = np.concatenate([self._root_subjects, np.zeros(rows)])
+        self.data = np.concatenate([self.data, covariates.row_responses], axis=1)
+        self._mean_units = np.concatenate([self._mean_units, np.zeros(rows, dtype=bool)])
+        self._values = np.concatenate([of_means, covariates.row_values], axis=1)
 
     def _set_kinds(self, scatter: TrialScatter) -> None:
         """Give every kind of units a number."""
@@ -198,18 +182,21 @@ class Rows:
         #: Means of each kind: degrees of freedom of trials are counted elsewhere.
         self.means_of_kind = np.bincount(self.kind) * self._is_mean
 
-    def _set_columns(self) -> None:
-        """Store the columns of units, and the locations that latents make."""
-        of_cells = np.concatenate([self._apart(self.own, self.environment), self.fixed])
+    def _set_basis(self, slopes: int, covariate_sd: float) -> None:
+        """Store the locations that latents make."""
+        own = self._apart(self.own, self.environment)
+        of_cells = np.concatenate([own, self.fixed])
         of_cells = of_cells.reshape(len(of_cells), -1).T
-        slopes = self._covariate_sd * np.eye(self.slopes)
-        self.basis = np.zeros((self.locations, of_cells.shape[1] + self.slopes))
         cells, latents = of_cells.shape
+        self.basis = np.zeros((self.locations, latents + slopes))
         self.basis[:cells, :latents] = of_cells
-        self.basis[cells : cells + self.slopes, latents:] = slopes
+        self.basis[cells : cells + slopes, latents:] = covariate_sd * np.eye(slopes)
         fixed = np.arange(len(self.fixed))
-        self.basis[cells + self.slopes + fixed, self.deviations + fixed] = 1.0
-        quantities = self._covariate_sd * np.eye(self.size)
+        self.basis[cells + slopes + fixed, self.deviations + fixed] = 1.0
+
+    def _set_columns(self, covariate_sd: float) -> None:
+        """Store the columns of units."""
+        quantities = covariate_sd * np.eye(self.size)
         of_slopes = np.einsum("mu,pq->mpqu", self._values, quantities)
         of_fixed = self.fixed[:, :, self.cell] * self._root_subjects
         #: Columns of the rest, (r, P, U), and of own deviations in any environment, (a, P, U).
@@ -221,8 +208,7 @@ class Rows:
 
     def _apart(self, columns: Array, environment: Indices) -> Array:
         """Columns (a, P, n) of own deviations, environment by environment: (a J, P, n)."""
-        number = np.arange(self.environments)
-        inside = number[:, None] == environment
+        inside = np.arange(self.environments)[:, None] == environment
         apart = columns[:, None] * inside[:, None]
         return apart.reshape(-1, *columns.shape[1:])
 
@@ -230,60 +216,51 @@ class Rows:
         """Sum products of columns over the units of each kind, the data last."""
         kinds = len(self.means_of_kind)
         environment_of_kind = self.environment[self._cell_of_kind]
-        to_kinds = sparse.csr_array(
-            (np.ones(len(self.kind)), (np.arange(len(self.kind)), self.kind))
-        )
         rest = np.concatenate([self._rest, self.data[None]])
-
-        def products(
-            first: Array,
-            second: Array,
-            groups: Indices,
-            count: int,
-        ) -> sparse.csr_array:
-            """Products (first, second, groups) of columns (k, P, U), by parts of precisions."""
-            parts = [np.einsum("apu,bqu->abpqu", first, second)]
-            (every,) = parts
-            distinct = [every[:, :, 0, 0]]
-            if self.size == 2:
-                distinct += [every[:, :, 0, 1] + every[:, :, 1, 0], every[:, :, 1, 1]]
-            stacked = np.stack(distinct, axis=2)  # (first, second, parts, U)
-            by_kind = (stacked.reshape(-1, len(self.kind)) @ to_kinds).reshape(
-                *stacked.shape[:3], kinds
-            )
-            a, b, part, kind = np.nonzero(by_kind)
-            row = (a * len(second) + b) * count + groups[kind]
-            column = part * kinds + kind
-            shape = (len(first) * len(second) * count, len(distinct) * kinds)
-            return sparse.csr_array((by_kind[a, b, part, kind], (row, column)), shape=shape)
-
         everywhere = np.zeros(kinds, dtype=np.intp)
         #: Times the parts of precisions of all kinds, these give the information of the latents.
-        self.own_by_own = products(
-            self._own_units, self._own_units, environment_of_kind, self.environments
-        )
-        self.own_by_rest = products(self._own_units, rest, environment_of_kind, self.environments)
-        self.rest_by_rest = products(self._rest, rest, everywhere, 1)
+        self.own_by_own = self._products(self._own_units, self._own_units, environment_of_kind)
+        self.own_by_rest = self._products(self._own_units, rest, environment_of_kind)
+        self.rest_by_rest = self._products(self._rest, rest, everywhere)
         #: By pairs of multipliers, sums over the units of a pattern and kind, (G, kinds).
-        shape = (self.patterns, kinds)
-        place = np.ravel_multi_index((self.pattern, self.kind), shape)
         self.effects_by_effects = {}
+        place = self.pattern * kinds + self.kind
         for a, first in enumerate(self.multipliers):
             for b, second in enumerate(self.multipliers[: a + 1]):
                 sums = np.bincount(place, first * second, self.patterns * kinds)
-                self.effects_by_effects[a, b] = sums.reshape(shape)
+                self.effects_by_effects[a, b] = sums.reshape(self.patterns, kinds)
         #: By multiplier, columns and data summed over units: (G (a J + r + 1), P kinds).
-        with_data = sparse.csr_array(
-            np.concatenate([self.columns.toarray(), self.data.reshape(-1, 1)], axis=1)
-        ).tocoo()
+        with_data = sparse.hstack([self.columns, self.data.reshape(-1, 1)]).tocoo()
         quantity, unit = np.divmod(with_data.row, len(self.kind))
-        count = with_data.shape[1]
         row = with_data.col * self.patterns + self.pattern[unit]
         column = quantity * kinds + self.kind[unit]
-        self.effects_by_columns = [
-            sparse.csr_array(
-                (with_data.data * multiplier[unit], (row, column)),
-                shape=(count * self.patterns, self.size * kinds),
-            )
-            for multiplier in self.multipliers
-        ]
+        shape = (with_data.shape[1] * self.patterns, self.size * kinds)
+        self.effects_by_columns = []
+        for multiplier in self.multipliers:
+            summed = sparse.csr_array((with_data.data * multiplier[unit], (row, column)), shape)
+            self.effects_by_columns.append(summed)
+
+    def _products(
+        self,
+        first: Array,
+        second: Array,
+        group: Indices,
+    ) -> sparse.csr_array:
+        """Products (first, second, groups) of columns (k, P, U), by parts of precisions of kinds.
+
+        A kind belongs to a group.
+        """
+        kinds = len(group)
+        groups = group.max() + 1
+        to_kind = sparse.csr_array(np.equal.outer(self.kind, np.arange(kinds)).astype(float))
+        # Entries of a precision: of the first quantity, of both, and of the second.
+        every = np.einsum("apu,bqu->pqabu", first, second)
+        parts = [every[0, 0]]
+        if self.size == 2:
+            parts += [every[0, 1] + every[1, 0], every[1, 1]]
+        by_kind = np.stack([part.reshape(-1, len(self.kind)) @ to_kind for part in parts])
+        part, pair, kind = np.nonzero(by_kind)
+        row = pair * groups + group[kind]
+        column = part * kinds + kind
+        shape = (len(first) * len(second) * groups, len(parts) * kinds)
+        return sparse.csr_array((by_kind[part, pair, kind], (row, column)), shape=shape)
