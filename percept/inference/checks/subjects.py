@@ -168,8 +168,8 @@ def _leave_out(
 
     The E environments of the pattern are `present` among the J.
     """
-    whitened = _whitened(covariance, residual)
-    g = _whitened(covariance, columns[:, :, present])
+    whitened = covariance.whiten(residual).T
+    g = covariance.whiten(columns[:, :, present]).T
     transposed = g.transpose(0, 2, 1)
     latents = len(columns)
     factor = _factor(np.eye(latents) - transposed @ g)
@@ -182,7 +182,7 @@ def _leave_out(
     distance = _squares(whitened) + _squares(shift)
     diagonal = np.diagonal(factor, axis1=1, axis2=2)
     log_diagonal = np.log(diagonal).sum(axis=1)
-    log_determinant = covariance.log_determinant() - 2.0 * log_diagonal
+    log_determinant = covariance.log_determinant - 2.0 * log_diagonal
     shape = columns.shape[1:3]
     learned = shift.transpose(0, 2, 1) @ root
     return _Given(
@@ -229,15 +229,3 @@ def _stacked_factor(matrices: Array) -> Array:
         halves = np.array_split(matrices, 2)
         factors = [_stacked_factor(half) for half in halves]
         return np.concatenate(factors)
-
-
-def _whitened(covariance: SubjectCovariance, vectors: Array) -> Array:
-    """Rows of V^(-1/2) times vectors (n, P, E, W): (W, rows, n)."""
-    count = len(vectors)
-    width = vectors.shape[-1]
-    by_parameter = vectors.transpose(1, 0, 2, 3)
-    rows = []
-    for piece in covariance.whiten(tuple(by_parameter)):
-        rows += [part.reshape(count, -1, width) for part in piece]
-    stacked = np.concatenate(rows, axis=1)
-    return stacked.transpose(2, 1, 0)

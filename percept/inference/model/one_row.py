@@ -98,8 +98,8 @@ class OneRow:
         #: (C, 1) Subjects of each cell: all the same if they have effects.
         self._subjects = subjects[:, None]
         self._trials = trials[:, None]
-        #: (n, P, C, 1) Rows whose products sum to the scatter between subjects.
-        self._contrasts = rows[..., None]
+        #: (n, P, C) Rows whose products sum to the scatter between subjects.
+        self._contrasts = rows
         self._own = own
         #: (f + 1, P, C) Fixed columns, and the subjects' mean.
         self._fixed_and_mean = np.concatenate([fixed, mean[None]])
@@ -160,11 +160,12 @@ class OneRow:
         """Log determinants and squares of the contrasts of subjects, summed: (W,)."""
         others = self._subjects[:, 0] - 1.0
         if not len(scales.effects):
-            squares = noise.distance(tuple(self._contrasts.swapaxes(0, 1))).sum(axis=0)
+            by_quantity = self._contrasts.swapaxes(0, 1)[..., None]
+            squares = noise.distance(tuple(by_quantity)).sum(axis=0)
             return np.asarray(squares + others @ noise.log_determinant())
         covariance = SubjectCovariance(noise, scales.effects)
         squares = covariance.scatter_distance(self._contrasts)
-        return np.asarray(squares + others[0] * covariance.log_determinant())
+        return np.asarray(squares + others[0] * covariance.log_determinant)
 
     def _rows_of_single_cells(
         self,

@@ -92,10 +92,9 @@ class SeveralPatterns:
         for pattern, kinds in self._shared:
             effects = scales.effects[:, :, pattern.environments]
             covariance = SubjectCovariance(noise[kinds], effects)
-            contrasts = pattern.rows.swapaxes(0, 1)
-            value -= 0.5 * covariance.scatter_distance(contrasts[..., None])
+            value -= 0.5 * covariance.scatter_distance(pattern.rows.swapaxes(0, 1))
             others = pattern.subjects - 1.0
-            value -= 0.5 * others * covariance.log_determinant()
+            value -= 0.5 * others * covariance.log_determinant
         return np.asarray(value)
 
     def solve(self, scales: CellScales) -> _Solution:
