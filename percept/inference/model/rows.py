@@ -99,8 +99,10 @@ class Rows:
 
     def latent_sd(self, tau: Array) -> Array:
         """SDs of own deviations, and ones for the rest, whose columns hold them: (a J + r, W)."""
-        own = np.repeat(self.own_sd(tau), self.environments, axis=0)
-        rest = np.ones((self.basis.shape[1] - self.deviations, tau.shape[-1]))
+        of_columns = self.own_sd(tau)
+        own = np.repeat(of_columns, self.environments, axis=0)
+        _, latents = self.basis.shape
+        rest = np.ones((latents - self.deviations, tau.shape[-1]))
         return np.concatenate([own, rest])
 
     def noise(self, scales: CellScales) -> Block:
@@ -111,7 +113,8 @@ class Rows:
         if not self._is_mean.all():
             between = between.scaled(self._is_mean[:, None])
         trial = scales.trial[self._group_of_kind]
-        return between + trial.scaled(1.0 / self._trials_of_kind[:, None])
+        of_a_mean = 1.0 / self._trials_of_kind[:, None]
+        return between + trial.scaled(of_a_mean)
 
     def effects(self, scales: CellScales) -> list[tuple[int, Array]]:
         """Columns of effects by kind, (P, kinds, W) each, with the number of their multiplier."""
@@ -119,48 +122,58 @@ class Rows:
         columns = [(0, column) for column in at_kinds]
         for number, covariance in enumerate(scales.slopes):
             for root in covariance.factor_columns():
-                column = np.broadcast_to(np.stack(root)[:, None], at_kinds.shape[1:])
+                of_quantities = np.stack(root)
+                column = np.broadcast_to(of_quantities[:, None], at_kinds.shape[1:])
                 columns.append((1 + number, column))
         return columns
 
     def _set_units(self, statistics: Statistics) -> None:
         """Line up the cell means of all patterns, then rows of trials."""
-        patterns = statistics.patterns
-        sizes = [len(pattern.environments) for pattern in patterns]
-        self.pattern = np.repeat(np.arange(len(patterns)), sizes)
-        self.cell = np.concatenate([pattern.environments for pattern in patterns])
-        self._trials = np.concatenate([pattern.trials for pattern in patterns])
-        roots = np.sqrt([pattern.subjects for pattern in patterns])
-        self._root_subjects = roots[self.pattern]
-        means = np.concatenate([pattern.mean for pattern in patterns], axis=1)
-        self.data = self._root_subjects * means
+        pattern_of_unit = []
+        cells = []
+        trials = []
+        root_subjects = []
+        means = []
+        self.pattern_of_subject = np.zeros(len(statistics.subjects), dtype=np.intp)
+        for g, pattern in enumerate(statistics.patterns):
+            units = len(pattern.environments)
+            pattern_of_unit.append(np.full(units, g))
+            cells.append(pattern.environments)
+            trials.append(pattern.trials)
+            root_subjects.append(np.full(units, np.sqrt(pattern.subjects)))
+            means.append(pattern.mean)
+            if statistics.subjects:
+                self.pattern_of_subject[pattern.members] = g
+        self.pattern = np.concatenate(pattern_of_unit)
+        self.cell = np.concatenate(cells)
+        self._trials = np.concatenate(trials)
+        self._root_subjects = np.concatenate(root_subjects)
+        self.data = self._root_subjects * np.concatenate(means, axis=1)
         self._mean_units = np.ones(len(self.cell), dtype=bool)
         #: Of covariates, (M, U).
         self._values = np.zeros((0, len(self.cell)))
-        self.pattern_of_subject = np.zeros(len(statistics.subjects), dtype=np.intp)
-        if statistics.subjects:
-            for g, pattern in enumerate(patterns):
-                self.pattern_of_subject[pattern.members] = g
         within: list[int] = []
         covariates = statistics.covariates
         if covariates is not None:
             within = [covariates.names.index(name) for name in covariates.within]
             self._append_trials(statistics, covariates)
-        self.multipliers = np.concatenate([[self._mean_units.astype(float)], self._values[within]])
+        of_means = self._mean_units.astype(float)
+        self.multipliers = np.concatenate([of_means[None], self._values[within]])
 
     def _append_trials(self, statistics: Statistics, covariates: Covariates) -> None:
         """Append rows of trials, and take the covariates: each pattern is a subject."""
         rows = len(covariates.row_cell)
-        member = np.concatenate([pattern.members for pattern in statistics.patterns])
-        of_means = covariates.mean[:, member[self.pattern], self.cell]
+        members = [pattern.members for pattern in statistics.patterns]
+        member_of_unit = np.concatenate(members)[self.pattern]
+        of_means = covariates.mean[:, member_of_unit, self.cell]
         of_rows = self.pattern_of_subject[covariates.row_subject]
-        self.pattern = np.concatenate([self.pattern, of_rows])
-        self.cell = np.concatenate([self.cell, covariates.row_cell])
-        self._trials = np.concatenate([self._trials, np.ones(rows)])
-        self._root_subjects = np.concatenate([self._root_subjects, np.zeros(rows)])
-        self.data = np.concatenate([self.data, covariates.row_responses], axis=1)
-        self._mean_units = np.concatenate([self._mean_units, np.zeros(rows, dtype=bool)])
-        self._values = np.concatenate([of_means, covariates.row_values], axis=1)
+        self.pattern = np.append(self.pattern, of_rows)
+        self.cell = np.append(self.cell, covariates.row_cell)
+        self._trials = np.append(self._trials, np.ones(rows))
+        self._root_subjects = np.append(self._root_subjects, np.zeros(rows))
+        self._mean_units = np.append(self._mean_units, np.zeros(rows, dtype=bool))
+        self.data = np.hstack([self.data, covariates.row_responses])
+        self._values = np.hstack([of_means, covariates.row_values])
 
     def _set_kinds(self, scatter: TrialScatter) -> None:
         """Give every kind of units a number."""
@@ -169,7 +182,8 @@ class Rows:
         if scatter.subject is None:
             groups[scatter.cell] = number[:, None]
         else:
-            groups[scatter.cell, self.pattern_of_subject[scatter.subject]] = number
+            patterns = self.pattern_of_subject[scatter.subject]
+            groups[scatter.cell, patterns] = number
         self.trial_groups = groups
         of_units = groups[self.cell, self.pattern]
         labels = np.stack([self._mean_units, self.cell, of_units, self._trials])
@@ -190,9 +204,9 @@ class Rows:
         cells, latents = of_cells.shape
         self.basis = np.zeros((self.locations, latents + slopes))
         self.basis[:cells, :latents] = of_cells
-        self.basis[cells : cells + slopes, latents:] = covariate_sd * np.eye(slopes)
-        fixed = np.arange(len(self.fixed))
-        self.basis[cells + slopes + fixed, self.deviations + fixed] = 1.0
+        end = cells + slopes
+        self.basis[cells:end, latents:] = covariate_sd * np.eye(slopes)
+        self.basis[end:, self.deviations : latents] = np.eye(len(self.fixed))
 
     def _set_columns(self, covariate_sd: float) -> None:
         """Store the columns of units."""
@@ -208,7 +222,8 @@ class Rows:
 
     def _apart(self, columns: Array, environment: Indices) -> Array:
         """Columns (a, P, n) of own deviations, environment by environment: (a J, P, n)."""
-        inside = np.arange(self.environments)[:, None] == environment
+        every = np.arange(self.environments)
+        inside = np.equal.outer(every, environment)
         apart = columns[:, None] * inside[:, None]
         return apart.reshape(-1, *columns.shape[1:])
 
@@ -230,14 +245,17 @@ class Rows:
                 sums = np.bincount(place, first * second, self.patterns * kinds)
                 self.effects_by_effects[a, b] = sums.reshape(self.patterns, kinds)
         #: By multiplier, columns and data summed over units: (G (a J + r + 1), P kinds).
-        with_data = sparse.hstack([self.columns, self.data.reshape(-1, 1)]).tocoo()
+        columns = self.columns.toarray()
+        data = self.data.reshape(-1, 1)
+        with_data = sparse.coo_array(np.hstack([columns, data]))
         quantity, unit = np.divmod(with_data.row, len(self.kind))
         row = with_data.col * self.patterns + self.pattern[unit]
         column = quantity * kinds + self.kind[unit]
         shape = (with_data.shape[1] * self.patterns, self.size * kinds)
         self.effects_by_columns = []
         for multiplier in self.multipliers:
-            summed = sparse.csr_array((with_data.data * multiplier[unit], (row, column)), shape)
+            multiplied = with_data.data * multiplier[unit]
+            summed = sparse.csr_array((multiplied, (row, column)), shape)
             self.effects_by_columns.append(summed)
 
     def _products(
@@ -252,15 +270,19 @@ class Rows:
         """
         kinds = len(group)
         groups = group.max() + 1
-        to_kind = sparse.csr_array(np.equal.outer(self.kind, np.arange(kinds)).astype(float))
+        is_of_kind = np.equal.outer(self.kind, np.arange(kinds))
+        to_kind = sparse.csr_array(is_of_kind.astype(float))
         # Entries of a precision: of the first quantity, of both, and of the second.
         every = np.einsum("apu,bqu->pqabu", first, second)
         parts = [every[0, 0]]
         if self.size == 2:
             parts += [every[0, 1] + every[1, 0], every[1, 1]]
-        by_kind = np.stack([part.reshape(-1, len(self.kind)) @ to_kind for part in parts])
+        sums = [part.reshape(-1, len(self.kind)) @ to_kind for part in parts]
+        by_kind = np.stack(sums)
         part, pair, kind = np.nonzero(by_kind)
+        values = by_kind[part, pair, kind]
         row = pair * groups + group[kind]
         column = part * kinds + kind
-        shape = (len(first) * len(second) * groups, len(parts) * kinds)
-        return sparse.csr_array((by_kind[part, pair, kind], (row, column)), shape=shape)
+        _, pairs, _ = by_kind.shape
+        shape = (pairs * groups, len(parts) * kinds)
+        return sparse.csr_array((values, (row, column)), shape=shape)
