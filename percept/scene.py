@@ -152,10 +152,11 @@ class ModelTable(Table):
     `bias` says which columns of the sessions move the bias, such as "hand * load + start": columns
     of words are factors, and columns of numbers covariates. The name "reference" in it is each
     trial's own reference, where that differs within an environment. The levels of the factors
-    named in `spread` differ in how far subjects lie apart; all factors, by default.
+    named in `spread` differ in how far subjects lie apart; all factors, by default. For those named
+    in `precision` the contrasts hold ratios of SDs between trials, and so of JNDs.
     `subjects_trial_sd` gives subjects trial SDs of their own: "auto" where half of at most 60
-    subjects have eight trials or more beyond the first of each cell. There must be two cells or
-    more, and every subject who repeats trials must set different values.
+    subjects have eight trials or more beyond the first of each cell, or `precision` names a factor.
+    There must be two cells or more, and every subject who repeats trials must set different values.
     `subjects_slope` lets the bias of each subject grow with the reference in a way of their own.
     `resolution` is the step of the adjustment. Its variance, step²/12, stands in for scatter in
     cells that show none or whose parameters move in proportion. percept adds it nowhere else.
@@ -171,6 +172,7 @@ class ModelTable(Table):
     subjects_slope: StrictBool = False
     bias: Annotated[str, Field(min_length=1)] | None = None
     spread: Annotated[str, Field(min_length=1)] | None = None
+    precision: Annotated[str, Field(min_length=1)] | None = None
     scale: dict[str, Positive] = Field(default_factory=dict)
     resolution: dict[str, Positive] = Field(default_factory=dict)
 
@@ -188,10 +190,10 @@ class ModelTable(Table):
 
     @model_validator(mode="after")
     def _terms(self) -> Self:
-        if self.bias is not None:
-            terms_of(self.bias, key="bias")
-        if self.spread is not None:
-            terms_of(self.spread, key="spread")
+        for key in ("bias", "spread", "precision"):
+            formula = getattr(self, key)
+            if formula is not None:
+                terms_of(formula, key=key)
         return self
 
     @model_validator(mode="after")

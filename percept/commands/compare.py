@@ -41,8 +41,11 @@ _CONTRAST = [
     "estimate",
     "upper",
     "p_value",
+    "probability_above",
+    "d_z",
     "n",
 ]
+_OF_RATIOS = {"spread": "ratio of SDs between users", "precision": "ratio of SDs between trials"}
 _ANOVA = [
     "factor",
     "parameter",
@@ -189,7 +192,7 @@ def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progres
     show(f"{capitalised(claim)}.")
     alike: dict[str, list[ContrastRow]] = {}
     for row in rows:
-        measure = "ratio of SDs between users" if row.of == "spread" else "ratio"
+        measure = _OF_RATIOS.get(row.of, "ratio")
         if row.unit:
             measure = f"difference, in {row.unit}"
         head = f"{row.of.capitalize()}, {row.second} against {row.first}, {measure}:"

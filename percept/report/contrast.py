@@ -28,8 +28,8 @@ __all__ = [
 ]  # fmt: skip
 
 #: What is compared, in the order of the table.
-_PARTS = ("interaction", "level", "bias", "spread", "slope")
-_OF = {"bias": "bias", "level": "mean bias", "spread": "spread"}
+_PARTS = ("interaction", "level", "bias", "spread", "precision", "slope")
+_OF = {"bias": "bias", "level": "mean bias", "spread": "spread", "precision": "precision"}
 #: Digits of an estimate, at least: beside a wide interval it has the digits of the narrow one.
 _LEAST_DIGITS = 3
 
@@ -73,7 +73,7 @@ class Size:
 
 def size_of(row: ContrastRow, results: Results) -> Size:
     """Return how a contrast is written; a part of references in their unit, if they are equal."""
-    if row.family == "lognormal" or row.of == "spread":
+    if row.family == "lognormal" or row.kind is None:
         return Size(True, 1.0, "")
     if row.unit != "references":
         # Pure numbers have no word for their unit.
@@ -126,6 +126,11 @@ def _grounds(rows: Sequence[ContrastRow], words: Words) -> list[str]:
             f"Different {words.subjects} are compared in {groups}. Classical limits are Welch’s, of"
             " spread F limits."
         )
+    if matching(rows, of="precision"):
+        sentences.append(
+            f"Precision is the ratio of SDs between a {words.subject}’s trials, and so of JNDs and"
+            " Weber fractions. Its classical limits are paired t or Welch’s, of log SDs."
+        )
     if matching(rows, method="bayesian"):
         sentences.append(
             "All Bayesian contrasts come from one posterior. All contrasts of a factor lie within"
@@ -156,6 +161,7 @@ def _table(rows: Sequence[ContrastRow], results: Results, *, ratio: bool) -> Tab
             return NOTHING
         return ends(row, "lower_together", "upper_together", style=style(row))
 
+    above = "P(> 1)" if ratio else "P(> 0)"
     columns = {
         "Contrast": lambda row: f"{row.second} against {row.first}",
         capitalised(words.environment): where,
@@ -166,10 +172,14 @@ def _table(rows: Sequence[ContrastRow], results: Results, *, ratio: bool) -> Tab
         "estimate (limits)": lambda row: with_limits(row, style=style(row), least=_LEAST_DIGITS),
         "together": together,
         "p": of("p_value", 2),
+        above: of("probability_above", 3, style="percent"),
+        "d_z": of("d_z", 2),
         words.subjects: of("n", style="count"),
     }
-    if not any(row.lower_together is not None for row in rows):
-        del columns["together"]
+    optional = {"together": "lower_together", above: "probability_above", "d_z": "d_z"}
+    for head, name in optional.items():
+        if all(getattr(row, name) is None for row in rows):
+            del columns[head]
     measure = "the first over the second" if ratio else "the first less the second"
     caption = f"Contrasts of levels: {measure}; spreads as ratios of SDs."
     return table_of(caption, rows, columns, name="contrast", csv="contrast")
@@ -267,7 +277,7 @@ def _clearest(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
     It is over all references where there is such a one, of the average user, and of the best
     method.
     """
-    of_users = [row for row in rows if row.of not in ("level", "spread")]
+    of_users = [row for row in rows if row.of not in ("level", "spread", "precision")]
     found = []
     for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in of_users):
         of_factor = matching(of_users, factor=factor, parameter=parameter)

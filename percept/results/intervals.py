@@ -44,9 +44,9 @@ class IntervalRow(Estimate):
 class ContrastRow(Estimate):
     """Two levels of a factor, the second against the first; an interaction; or a slope.
 
-    It is a ratio (lognormal, or spread), or a difference. The unit of differences is "references",
-    or the quantity's where one of these is not positive. Within subjects it rests on those with all
-    levels.
+    It is a ratio (lognormal, spread, or precision), or a difference. The unit of differences is
+    "references", or the quantity's where one of these is not positive. Within subjects it rests on
+    those with all levels.
     """
 
     factor: str
@@ -54,14 +54,20 @@ class ContrastRow(Estimate):
     second: str
     environment: str | None  # None over all references
     references: tuple[str, ...]  # Environments it rests on
-    of: str  # "bias", "spread", "interaction", "slope", or "level" for its mean
-    kind: Kind | None  # None for spread
+    #: "bias", "interaction", "slope", "level" for its mean; "spread" for the ratio of SDs between
+    #: subjects, "precision" for that of SDs between trials.
+    of: str
+    kind: Kind | None  # None for spread and precision
     share: float | None
     confidence: float | None
     #: Limits between which all contrasts of the factor in this quantity and kind lie together.
     lower_together: float | None
     upper_together: float | None
-    p_value: float | None
+    p_value: float | None = None
+    probability_above: float | None = None  # Posterior probability of more than no difference
+    d_z: float | None = (
+        None  # Mean of subjects' own differences over their SD, on the family's scale
+    )
     within: bool  # Whether each subject has all levels
     of_subjects: int  # Subjects in the study
     of_references: int  # References that the factor has

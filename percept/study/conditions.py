@@ -33,6 +33,12 @@ class Conditions:
     covariates: tuple[str, ...]
     terms: tuple[Term, ...]  # Of factors
     spread: tuple[str, ...]  # Factors whose levels differ in spread
+    precision: tuple[str, ...]  # Factors whose levels are compared in the SD between trials
+
+    @property
+    def precise(self) -> Conditions:
+        """Return the factors compared in precision, without interactions."""
+        return dataclasses.replace(self, factors=self.precision, terms=())
 
     def only(self, factors: Sequence[str]) -> Conditions:
         """Return some of the factors with the terms that hold no others."""
@@ -178,24 +184,27 @@ def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:
         between=frozenset(between),
         covariates=tuple(covariates),
         terms=tuple(term for term in scene.terms if not set(term) & set(covariates)),
-        spread=_spread(scene, factors),
+        spread=_named(scene.model.spread, "spread", factors, by_default=factors),
+        precision=_named(scene.model.precision, "precision", factors),
     )
     _refuse_aliases(sessions, found)
     return found
 
 
-def _spread(scene: Scene, factors: Sequence[str]) -> tuple[str, ...]:
-    """Return the factors whose levels differ in spread: those that the scene names, or all."""
-    formula = scene.model.spread
+def _named(
+    formula: str | None, setting: str, factors: Sequence[str], *, by_default: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return the factors that a setting of the model names."""
     if formula is None:
-        return tuple(factors)
+        return tuple(by_default)
+    key = f"model.{setting}"
     names = []
-    for term in terms_of(formula, key="model.spread"):
+    for term in terms_of(formula, key=key):
         (name, *others) = term
         if others or name not in factors:
             hint = f"Factors of [model] bias are {', '.join(factors) or 'none'}."
             message = "is no factor of the model."
-            raise UsageError(message, key="model.spread", value=" : ".join(term), hint=hint)
+            raise UsageError(message, key=key, value=" : ".join(term), hint=hint)
         names.append(name)
     return tuple(names)
 
@@ -263,21 +272,25 @@ def comparisons(
 
 
 def without_data(
-    conditions: Conditions, factors: Factors, cells: Sequence[CellKey], label: str
+    conditions: Conditions,
+    factors: Factors,
+    cells: Sequence[CellKey],
+    label: str,
+    lacking: str = "data",
 ) -> Iterator[Skipped]:
-    """Yield the contrasts of one quantity that `comparisons` cannot make; `label` names it."""
+    """Yield the contrasts that `comparisons` cannot make: of a label, and what cells lack."""
     for term, outline, signs in _outlines(conditions, factors):
         made = _by_reference(term, outline, signs, factors, cells)
         found = {comparison.environment for comparison in made}
-        lacking = [name for name in factors.environments if name not in found]
-        if not lacking:
+        missing = [name for name in factors.environments if name not in found]
+        if not missing:
             continue
         what = f"contrast of {label}, {outline.second} against {outline.first}"
         levels = "all its levels" if outline.interaction else "both levels"
         if found:
-            yield Skipped(f"{what}, in {', '.join(lacking)}", f"there are no data at {levels}")
+            yield Skipped(f"{what}, in {', '.join(missing)}", f"there are no {lacking} at {levels}")
         else:
-            yield Skipped(what, f"no reference has data at {levels}")
+            yield Skipped(what, f"no reference has {lacking} at {levels}")
 
 
 def _outlines(conditions: Conditions, factors: Factors) -> Iterator[tuple[Term, Comparison, Signs]]:

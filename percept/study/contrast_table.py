@@ -21,11 +21,28 @@ class ContrastTable:
 
     data: Data
     parameter: str
+    is_of_trials: bool = False  # Whether values are logarithms of SDs between trials
+
+    @property
+    def of_trials(self) -> ContrastTable:
+        """The table of the quantity's precision."""
+        return dataclasses.replace(self, is_of_trials=True)
 
     @property
     def label(self) -> str:
-        """The quantity in words."""
-        return self.data.quantities[self.parameter].label
+        """What is compared, in words."""
+        label = self.data.quantities[self.parameter].label
+        return f"precision of {label}" if self.is_of_trials else label
+
+    @property
+    def lacking(self) -> str:
+        """What a cell without values lacks."""
+        return "repeated trials" if self.is_of_trials else "data"
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """What intervals cover."""
+        return ("mean",) if self.is_of_trials else self.data.asked.kinds
 
     def row(
         self,
@@ -35,13 +52,20 @@ class ContrastTable:
         method: Method,
         kind: Kind | None = None,
         *,
-        p_value: float | None = None,
         together: Sequence[float] | None = None,
+        **further: float | None,
     ) -> ContrastRow:
-        """Make a row of lower, upper and estimate on the response scale; without kind: spread."""
+        """Make a row of lower, upper and estimate: of a kind on the response scale, else ratios.
+
+        `further` are p-value, probability and d_z by their names in the row.
+        """
         asked = self.data.asked
         factors = self.data.sessions.factors
         share = kind == "share"
+        if self.is_of_trials and kind:
+            ends = [float(np.exp(end)) for end in ends]
+            kind = None
+        of_ratio = "precision" if self.is_of_trials else "spread"
         lower, upper, estimate = self._native(ends) if kind else np.asarray(ends).tolist()
         lower_together, upper_together = self._native(together) if together else (None, None)
         return ContrastRow(
@@ -51,7 +75,7 @@ class ContrastTable:
             environment=comparison.environment,
             references=comparison.references,
             parameter=self.parameter,
-            of=comparison.of if kind else "spread",
+            of=comparison.of if kind else of_ratio,
             kind=kind,
             method=method,
             family=asked.family,
@@ -64,11 +88,11 @@ class ContrastTable:
             lower_together=lower_together,
             upper_together=upper_together,
             unit=self._unit if kind else "",
-            p_value=p_value,
             within=comparison.within,
             n=n,
             of_subjects=len(self.data.sessions.subjects),
             of_references=len(factors.environments if factors else self.data.environments),
+            **further,
         )
 
     @property
@@ -135,4 +159,8 @@ def _turned(row: ContrastRow) -> ContrastRow:
         ends[name] = value
         if value is not None:
             ends[name] = -value if row.unit else 1.0 / value
+    if row.probability_above is not None:
+        ends["probability_above"] = 1.0 - row.probability_above
+    if row.d_z is not None:
+        ends["d_z"] = -row.d_z
     return dataclasses.replace(row, first=row.second, second=row.first, **ends)

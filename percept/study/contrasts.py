@@ -24,13 +24,19 @@ from percept.study.basics import claim_of
 from percept.study.conditions import (
     CellKey,
     Comparison,
+    Conditions,
     comparisons,
     level_means,
     without_data,
 )
 from percept.study.contrast_table import ContrastTable
 from percept.study.data import Data
-from percept.study.subject_cells import SubjectCells
+from percept.study.subject_cells import (
+    SubjectCells,
+    log_trial_sds,
+    repeated_cells,
+    subject_cells,
+)
 
 # The classical contrasts do without the model.
 if TYPE_CHECKING:
@@ -56,42 +62,82 @@ def contrast_rows(data: Data, fit: Fit | None) -> _Rows:
 
         if factors is not None and fit.contrasts is not None:
             cells = [factors.cells[name] for name in fit.environments]
-            for table in tables.values():
+            for parameter, table in tables.items():
                 yield from without_data(data.conditions, factors, cells, table.label)
+                repeated = repeated_cells(data.trials(parameter), factors)
+                precision = table.of_trials
+                yield from without_data(
+                    data.conditions.precise, factors, repeated, precision.label, precision.lacking
+                )
         yield from posterior_contrasts(fit, tables)
 
 
 def _classical(table: ContrastTable, factors: Factors) -> _Rows:
     """Yield intervals of subjects' own contrasts, and of groups of subjects."""
-    conditions = table.data.conditions
+    data = table.data
+    conditions = data.conditions
     try:
-        own = table.data.subject_cells(table.parameter)
+        own = data.subject_cells(table.parameter)
     except RefusalError as refused:
         yield Skipped(f"contrasts of {table.label}", str(refused))
         return
-    within = [factor for factor in conditions.factors if factor not in conditions.between]
-    of_subjects = conditions.only(within)
+    yield from _within_subjects(own, conditions, factors, table)
+    for level in level_means(conditions, factors, list(factors.cells.values())):
+        yield from _paired(own, own.own(level), np.isfinite(own.at_level(level)), table)
+    yield from _between_subjects(own, conditions, factors, table)
+    if conditions.precision:
+        yield from _precision(table.of_trials, factors)
+
+
+def _precision(table: ContrastTable, factors: Factors) -> _Rows:
+    """Yield ratios of SDs between trials, by subjects' log SDs in place of their means."""
+    conditions = table.data.conditions
+    trials = table.data.trials(table.parameter)
+    log_sds = log_trial_sds(trials)
+    for i, cell in np.argwhere(np.isneginf(log_sds)).tolist():
+        what = f"{trials.subjects[i]} in the {table.label}"
+        why = f"all trials in {trials.environments[cell]} are equal, and zero has no logarithm"
+        yield Skipped(what, why)
+        log_sds[i] = np.nan
+    own = subject_cells(log_sds, trials, factors, conditions.between)
+    if not own.values:
+        yield Skipped(table.label, "no subject repeats a trial in a cell")
+        return
+    yield from _within_subjects(own, conditions.precise, factors, table)
+    yield from _between_subjects(own, conditions.precise, factors, table)
+
+
+def _within_subjects(
+    own: SubjectCells, conditions: Conditions, factors: Factors, table: ContrastTable
+) -> _Rows:
+    """Yield the contrasts that subjects have of their own."""
+    of_subjects = conditions.only(
+        [factor for factor in conditions.factors if factor not in conditions.between]
+    )
     cells = list(own.values)
-    levels = {factor: factors.levels[factor] for factor in within}
+    names = list(factors.levels)
+    levels = {names[place]: factors.levels[names[place]] for place in own.within}
     factors_within = Factors(levels, {str(cell): cell for cell in cells})
-    yield from without_data(of_subjects, factors_within, cells, table.label)
+    yield from without_data(of_subjects, factors_within, cells, table.label, table.lacking)
     found = comparisons(of_subjects, factors_within, cells)
     for _, family in itertools.groupby(found, lambda one: (one.factor, one.first, one.second)):
         yield from _of_subjects(own, list(family), table)
-    cells_of_all = list(factors.cells.values())
-    for level in level_means(conditions, factors, cells_of_all):
-        yield from _paired(own, own.own(level), np.isfinite(own.at_level(level)), table)
-    if len(conditions.between) > 1:
+
+
+def _between_subjects(
+    own: SubjectCells, conditions: Conditions, factors: Factors, table: ContrastTable
+) -> _Rows:
+    """Yield the contrasts of groups of subjects."""
+    columns = tuple(factor for factor in conditions.factors if factor in conditions.between)
+    if columns and len(conditions.between) > 1:
         what = f"classical contrasts of groups in {table.label}"
         yield Skipped(what, "Welch's test compares the groups of one column only")
         return
-    groups = dataclasses.replace(
-        conditions,
-        factors=tuple(conditions.between),
-        terms=tuple(term for term in conditions.terms if set(term) & conditions.between),
-    )
-    yield from without_data(groups, factors, cells_of_all, table.label)
-    for comparison in comparisons(groups, factors, cells_of_all):
+    terms = tuple(term for term in conditions.terms if set(term) & conditions.between)
+    groups = dataclasses.replace(conditions, factors=columns, terms=terms)
+    cells = list(factors.cells.values())
+    yield from without_data(groups, factors, cells, table.label, table.lacking)
+    for comparison in comparisons(groups, factors, cells):
         yield from _of_groups(own, factors, comparison, table)
 
 
@@ -146,12 +192,12 @@ def _paired(
     second = values @ np.maximum(weights, 0.0)
     first = values @ np.maximum(-weights, 0.0)
     try:
-        for kind in asked.kinds:
-            interval, p_value = paired_contrast(second - first, kind, **claim_of(asked))
+        for kind in table.kinds:
+            interval, *of_mean = paired_contrast(second - first, kind, **claim_of(asked))
+            p_value, d_z = of_mean if kind == "mean" else (None, None)
             ends = [interval.lower, interval.upper, interval.estimate]
-            of_mean = p_value if kind == "mean" else None
-            yield table.row(comparison, ends, n, "classical", kind, p_value=of_mean)
-        if comparison.of == "bias":
+            yield table.row(comparison, ends, n, "classical", kind, p_value=p_value, d_z=d_z)
+        if comparison.of == "bias" and not table.is_of_trials:
             ratio = spread_ratio(first, second, level=asked.level)
             ends = [ratio.lower, ratio.upper, ratio.estimate]
             yield table.row(comparison, ends, ratio.n, "classical", p_value=ratio.p_value)
@@ -187,7 +233,7 @@ def _of_groups(
     found = group_contrast(*moments, level=level)
     ends = [found.lower, found.upper, found.estimate]
     yield table.row(comparison, ends, n, "classical", "mean", p_value=found.p_value)
-    if not comparison.interaction:
+    if not comparison.interaction and not table.is_of_trials:
         ratio = group_spread_ratio(*moments, level=level)
         ends = [ratio.lower, ratio.upper, ratio.estimate]
         yield table.row(comparison, ends, n, "classical", p_value=ratio.p_value)

@@ -141,8 +141,10 @@ class Data:
         """Subjects' means of a parameter in the cells of all factors, as responses."""
         if parameter not in self._subject_cells:
             assert self.sessions.factors is not None
+            trials = self.trials(parameter)
+            means = trials.statistics.cell_means[:, 0]
             self._subject_cells[parameter] = subject_cells(
-                self.trials(parameter), self.sessions.factors, self.conditions.between
+                means, trials, self.sessions.factors, self.conditions.between
             )
         return self._subject_cells[parameter]
 

@@ -30,6 +30,7 @@ from percept.study.conditions import (
 )
 from percept.study.data import Data
 from percept.study.responses import Trials, resolution_of
+from percept.study.subject_cells import repeated_cells
 
 #: A setting lies near its reference, but a mean may lie anywhere: priors of locations, in which
 #: means differ, are so many times as wide.
@@ -73,6 +74,7 @@ class ContrastPlan:
     users: tuple[Compared, ...]  # Contrasts that each user has too
     groups: tuple[Compared, ...]  # Contrasts of different users, and slopes
     spreads: tuple[Compared, ...]  # Ratios of SDs between users
+    precisions: tuple[Compared, ...]  # Ratios of SDs between trials, of cells' geometric means
 
     def estimands(self, asked: InferenceTable) -> Limits:
         """Limits of the cells' intervals and of all contrasts, to one tolerance."""
@@ -106,6 +108,22 @@ class ContrastPlan:
 
         return ratio
 
+    def log_precision(self, compared: Compared) -> Callable[[Array], Array]:
+        """Log ratio of the SDs of one of `precisions`, of coordinates (W, d)."""
+
+        def ratio(points: Array) -> Array:
+            log_sds = []
+            for model, own in self.model.split(points):
+                of_locations = np.zeros((len(points), model.locations))
+                scales = model.scales(own)
+                if "sigma_e" in scales:
+                    _, sd = scales["sigma_e"]
+                    of_locations[:, : len(model.cells)] = np.log(sd).reshape(len(points), -1)
+                log_sds.append(of_locations)
+            return np.hstack(log_sds) @ compared.row
+
+        return ratio
+
 
 def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
     """Put the contrasts of models of different quantities together."""
@@ -114,18 +132,21 @@ def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
     users: list[Compared] = []
     groups: list[Compared] = []
     spreads: list[Compared] = []
+    precisions: list[Compared] = []
     before = 0
     for plan, width in zip(plans, widths, strict=True):
         after = sum(widths) - before - width
         users += [compared.padded(before, after) for compared in plan.users]
         groups += [compared.padded(before, after) for compared in plan.groups]
         spreads += [compared.padded(before, after) for compared in plan.spreads]
+        precisions += [compared.padded(before, after) for compared in plan.precisions]
         before += width
     return ContrastPlan(
         model=model,
         users=tuple(users),
         groups=tuple(groups),
         spreads=tuple(spreads),
+        precisions=tuple(precisions),
     )
 
 
@@ -181,7 +202,10 @@ def linear_study(trials: Trials, data: Data, *, own_trial_sds: bool) -> Contrast
     design = design_of(cells, factors, priors, options_of(scene))
     model = LinearModel(statistics, design, priors, resolution_of(trials, scene))
     found: list[Comparison] = []
+    precisions: list[Comparison] = []
     if sessions.factors is not None:
+        repeated = repeated_cells(trials, sessions.factors)
+        precisions += comparisons(conditions.precise, sessions.factors, repeated)
         found = list(comparisons(conditions, sessions.factors, keys))
         found += level_means(conditions, sessions.factors, keys)
     environments = tuple(dict.fromkeys(environment for environment, _ in keys))
@@ -202,6 +226,7 @@ def linear_study(trials: Trials, data: Data, *, own_trial_sds: bool) -> Contrast
         users=tuple(weigh.all_quantities(users)),
         groups=tuple(weigh.all_quantities(groups + slopes)),
         spreads=tuple(weigh.all_quantities(spreads)),
+        precisions=tuple(weigh.all_quantities(precisions)),
     )
 
 

@@ -16,10 +16,11 @@ Shapes: S draws of the scales, a few joint draws for each of them, N in all.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Self
 
 import numpy as np
+from scipy import special
 
 from percept.inference.model.laws import Moments
 from percept.inference.model.limits import Limits, level_together, limits_of
@@ -51,6 +52,8 @@ class _Ends:
     lower: float
     upper: float
     estimate: float
+    probability_above: float | None  # That it exceeds zero; None for a share of users
+    d_z: float | None  # Of the average user; None where users have no contrast of their own
     together: tuple[float, float] | None  # Limits that hold with its family; None without one
 
 
@@ -75,9 +78,16 @@ def posterior_contrasts(
             compared.subjects,
             "bayesian",
             ends.kind,
+            probability_above=ends.probability_above,
+            d_z=ends.d_z,
             together=ends.together,
         )
-    yield from _spreads(fit, plan, tables)
+    for compared in plan.spreads:
+        table = tables[compared.parameter]
+        yield from _ratio(fit, compared, plan.log_ratio(compared), table)
+    for compared in plan.precisions:
+        table = tables[compared.parameter].of_trials
+        yield from _ratio(fit, compared, plan.log_precision(compared), table)
 
 
 class _Contrasts:
@@ -122,11 +132,18 @@ class _Contrasts:
             lower_ends, upper_ends, _ = joint.of(kind, moments.of(members))
             pairs = zip(lower_ends.tolist(), upper_ends.tolist(), strict=True)
             together |= zip(members, pairs, strict=True)
-        ends = []
         estimates = moments.mean.mean(axis=0)
         rows = np.stack([lowers, uppers, estimates], axis=1).tolist()
+        user_sd = moments.population_sd if kind == "user" else 0.0
+        above = special.ndtr(moments.mean / np.hypot(moments.sd, user_sd)).mean(axis=0)
+        ends = []
         for index, (lower, upper, estimate) in enumerate(rows):
-            ends.append(_Ends(kind, lower, upper, estimate, together.get(index)))
+            probability = None if kind == "share" else float(above[index])
+            d_z = None
+            if kind == "mean" and compared[index].comparison.of_users:
+                d_z = float(np.median(moments.mean[:, index] / moments.population_sd[:, index]))
+            joint_ends = together.get(index)
+            ends.append(_Ends(kind, lower, upper, estimate, probability, d_z, joint_ends))
         return ends
 
 
@@ -172,22 +189,19 @@ def _families(compared: Sequence[Compared]) -> list[list[int]]:
     return [members for members in families.values() if len(members) > 1]
 
 
-def _spreads(
-    fit: Fit, plan: ContrastPlan, tables: Mapping[str, ContrastTable]
+def _ratio(
+    fit: Fit, compared: Compared, log_ratio: Callable[[Array], Array], table: ContrastTable
 ) -> Iterator[ContrastRow | Skipped]:
-    """Yield ratios of the SDs between users, and where their limits miss the tolerance."""
-    for compared in plan.spreads:
-        table = tables[compared.parameter]
-        asked = table.data.asked
-        comparison = compared.comparison
-        log_ratio = plan.log_ratio(compared)
-        limits = line_limits(fit.model, fit.run, log_ratio, asked.level)
-        ends = np.exp([limits.lower, limits.upper, limits.median])
-        yield table.row(comparison, ends.tolist(), compared.subjects, "bayesian")
-        if limits.error > asked.tolerance:
-            where = comparison.environment or "overall"
-            levels = f"{comparison.second} against {comparison.first}"
-            what = f"{table.label}, {levels}, {where}"
-            error = f"{100.0 * limits.error:.2g} %"
-            why = f"the Monte Carlo error of its limits is {error} of a half-width"
-            yield Skipped(f"the tolerance in the ratio of SDs of {what}", why)
+    """Yield a ratio of SDs, and where its limits miss the tolerance."""
+    asked = table.data.asked
+    comparison = compared.comparison
+    limits = line_limits(fit.model, fit.run, log_ratio, asked.level)
+    ends = np.exp([limits.lower, limits.upper, limits.median])
+    yield table.row(comparison, ends.tolist(), compared.subjects, "bayesian")
+    if limits.error > asked.tolerance:
+        where = comparison.environment or "overall"
+        levels = f"{comparison.second} against {comparison.first}"
+        what = f"{table.label}, {levels}, {where}"
+        error = f"{100.0 * limits.error:.2g} %"
+        why = f"the Monte Carlo error of its limits is {error} of a half-width"
+        yield Skipped(f"the tolerance in the ratio of SDs of {what}", why)

@@ -1,4 +1,4 @@
-"""Subjects' own means in every cell of a study with factors, on the model's scale."""
+"""Subjects' means and trial SDs in every cell of a study with factors, on the model's scale."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.inference.classical.variability import log_sd
 from percept.sessions.records import Factors
 from percept.study.basics import Array
 from percept.study.conditions import CellKey, Comparison
@@ -16,9 +17,12 @@ from percept.study.responses import Trials
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SubjectCells:
-    """Means of N subjects over their trials, of one quantity; groups of subjects are no cells."""
+    """One number of each of N subjects in a cell, such as the mean of the trials.
 
-    #: (N,) by environment and levels of the factors within subjects; NaN without a trial.
+    Groups of subjects are no cells.
+    """
+
+    #: (N,) by environment and levels of the factors within subjects; NaN where there is none.
     values: dict[CellKey, Array]
     groups: dict[str, NDArray[np.object_]]  # (N,) Level of each factor between subjects
     within: tuple[int, ...]  # Indices of the factors within subjects among all factors
@@ -53,19 +57,45 @@ class SubjectCells:
         return means
 
 
-def subject_cells(data: Trials, factors: Factors, between: frozenset[str]) -> SubjectCells:
-    """Lay out the mean of each subject in each cell, of trials of one quantity.
+def log_trial_sds(data: Trials) -> Array:
+    """Log SDs between trials of one quantity, by subject and cell (N, C).
+
+    −∞ where trials are all equal, NaN without repeats.
+    """
+    found = np.full(data.statistics.cell_means[:, 0].shape, np.nan)
+    cells = np.stack([data.subject, data.environment])
+    pairs, group = np.unique(cells, axis=1, return_inverse=True)
+    for number, (i, c) in enumerate(pairs.T):
+        trials = data.response[group == number, 0]
+        if len(trials) > 1:
+            # Rounding of the mean is no scatter.
+            sd = trials.std(ddof=1) if np.ptp(trials) > 0.0 else 0.0
+            found[i, c] = log_sd(sd, len(trials) - 1.0)
+    return found
+
+
+def repeated_cells(data: Trials, factors: Factors) -> list[CellKey]:
+    """Return the cells in which subjects repeat trials."""
+    counts = zip(data.environments, data.statistics.trial_df, strict=True)
+    return [factors.cells[name] for name, df in counts if df > 0.0]
+
+
+def subject_cells(
+    means: Array, data: Trials, factors: Factors, between: frozenset[str]
+) -> SubjectCells:
+    """Lay out a number of each subject in each cell (N, C), of trials of one quantity.
 
     Every subject has one level only of the factors `between`.
     """
     within = tuple(place for place, name in enumerate(factors.levels) if name not in between)
-    means = data.statistics.cell_means[:, 0]
     values: dict[CellKey, Array] = {}
     groups = {name: np.full(len(means), "", dtype=object) for name in between}
     for column, name in zip(means.T, data.environments, strict=True):
         environment, levels = factors.cells[name]
         cell = (environment, tuple(levels[place] for place in within))
         present = np.isfinite(column)
+        if not present.any():
+            continue
         # Each subject is in one group, so that the parts of a cell have no subject twice.
         values.setdefault(cell, np.full(len(means), np.nan))[present] = column[present]
         for group, level in groups.items():

@@ -41,7 +41,7 @@ def _why_not(data: Trials, scene: Scene) -> str:
     if setting == "auto" and (table.common_spread or not table.subject_effect):
         return "they do not go with [model] common_spread, nor with subject_effect = false"
     why = "the study has one environment" if len(data.environments) == 1 else _no_scatter(data)
-    if setting == "auto" and not why:
+    if setting == "auto" and not why and not table.precision:
         why = _why_not_by_default(data)
         why = why and f"{why}; [model] subjects_trial_sd = true computes them"
     return why

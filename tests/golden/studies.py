@@ -199,8 +199,8 @@ def _endpoints(document: Document) -> dict[str, dict[str, Any]]:
             name = _named(row, "bayesian", "environment", "parameter", "kind", "joint")
             found[name] = _endpoint(row, gate, log=row["family"] == "lognormal")
     for row in document["contrast"] or ():
-        # Ratios of spread have an error of their own, which report.json does not hold.
-        if row["method"] == "bayesian" and row["of"] != "spread":
+        # Ratios of SDs have an error of their own, which report.json does not hold.
+        if row["method"] == "bayesian" and row["kind"]:
             name = f"bayesian contrast {row['kind']} {contrast_name(row)}"
             found[name] = _endpoint(row, gate, log=not row["unit"])
     return found

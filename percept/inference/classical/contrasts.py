@@ -174,16 +174,19 @@ def paired_contrast(
     level: float,
     share: float,
     confidence: float,
-) -> tuple[Interval, float]:
-    """Interval of subjects' differences (n,), and the paired t-test's p-value."""
+) -> tuple[Interval, float, float]:
+    """Interval of subjects' differences (n,), p-value of the paired t-test, and d_z.
+
+    d_z is the mean difference in SDs of the differences (Cohen 1988).
+    """
     moments = Moments.from_values(difference)
     if moments.sd == 0.0:
         raise RefusalError("all differences are equal: with no scatter there is no interval.")
     claim = Claim(level=level, share=share, confidence=confidence)
     interval = interval_of(kind, moments, claim)
     n = len(difference)
-    t = abs(float(moments.mean)) / float(moments.sd) * np.sqrt(n)
-    return interval, 2.0 * float(special.stdtr(n - 1, -t))
+    d_z = float(moments.mean) / float(moments.sd)
+    return interval, 2.0 * float(special.stdtr(n - 1, -abs(d_z) * np.sqrt(n))), d_z
 
 
 def spread_ratio(

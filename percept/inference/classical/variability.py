@@ -26,6 +26,7 @@ __all__ = [
     "f_limits",
     "icc_agreement",
     "icc_consistency",
+    "log_sd",
     "mean_squares",
     "sd_interval",
     "trial_mean_squares",
@@ -155,6 +156,28 @@ def sd_interval(sd: float, df: float, *, level: float) -> Bounded:
     lower = sd * math.sqrt(df / high)
     upper = sd * math.sqrt(df / low)
     return Bounded(sd, lower, upper)
+
+
+def log_sd(sd: float, df: float) -> float:
+    """Estimate the logarithm of a normal population's SD without bias.
+
+    The mean of log(χ²/df) is digamma(df/2) − log(df/2), so that few values look too steady.
+
+    Parameters
+    ----------
+    sd : float
+        Sample SD, any unit.
+    df : float
+        Its degrees of freedom, above zero.
+
+    Returns
+    -------
+    float
+        −∞ for an SD of zero.
+    """
+    if sd == 0.0:
+        return -math.inf
+    return math.log(sd) + 0.5 * (math.log(df / 2.0) - float(special.digamma(df / 2.0)))
 
 
 def icc_consistency(squares: MeanSquares, *, level: float) -> Bounded:

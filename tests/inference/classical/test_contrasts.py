@@ -19,13 +19,14 @@ def pairs(n=9, seed=1, slope=0.8):
 
 def test_the_mean_contrast_is_the_paired_t_test():
     first, second = pairs()
-    found, p_value = paired_contrast(second - first, "mean", **CLAIM)
+    found, p_value, d_z = paired_contrast(second - first, "mean", **CLAIM)
     test = stats.ttest_rel(second, first)
     expected = test.confidence_interval(0.9)
     np.testing.assert_allclose(
         [found.lower, found.upper], [expected.low, expected.high], rtol=1e-12
     )
     np.testing.assert_allclose(p_value, test.pvalue, rtol=1e-10)
+    np.testing.assert_allclose(d_z, test.statistic / np.sqrt(len(first)), rtol=1e-12)
 
 
 def test_equal_spreads_are_tested_by_the_correlation_of_sum_and_difference():

@@ -1,0 +1,185 @@
+"""Ratios of SDs between trials: against SciPy's tests of log SDs, and what lacks them."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import integrate, stats
+
+from percept import Scene, Study, UsageError
+from percept.report.contrast import contrast
+from percept.sessions import ReadOptions, Sessions
+from percept.study.contrast_table import chosen_contrasts
+from tests.fits import SHARED
+from tests.study.within import frame
+
+RATIO = 1.5
+FITTED = {"method": "both", "tolerance": 0.3, "kinds": ["mean"]}
+
+
+def planted(seed, *, subjects=8, trials=5, apart=False):
+    """Trials whose SD is 1.5 times as large at the second level; `apart` gives each subject one."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for s in range(subjects):
+        shared, change = rng.normal(0.0, [0.15, 0.05])
+        own = 0.1 * np.exp(rng.normal(0.0, 0.3))
+        for environment, reference in (("VE1", 10.0), ("VE2", 1000.0)):
+            for c, level in enumerate(("left", "right")):
+                if apart and s % 2 != c:
+                    continue
+                middle = shared + c * change + rng.normal(0.0, 0.08)
+                for trial in range(1, trials + 1):
+                    y = middle + rng.normal(0.0, own * RATIO**c)
+                    rows.append(
+                        [f"S{s}", environment, level, reference, trial, reference * np.exp(y)]
+                    )
+    columns = ["subject", "environment", "hand", "k_ref", "trial", "k_adj"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def opened(table, precision="hand", bias="hand", **inference):
+    scene = Scene(
+        model={"bias": bias, "precision": precision},
+        inference={"method": "classical", "level": 0.95, **inference},
+    )
+    sessions = Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene)))
+    return Study(sessions, scene, store=SHARED)
+
+
+def precision_of(study):
+    rows = [row for row in study.contrast_rows if row.of == "precision"]
+    return {row.environment: row for row in rows}
+
+
+def log_sds(table):
+    """Each subject's log SD in every cell without its bias, from the law of χ by quadrature."""
+
+    def bias(df):
+        law = stats.chi(df, scale=df**-0.5)
+        return integrate.quad(lambda x: np.log(x) * law.pdf(x), 0.0, np.inf)[0]
+
+    values = np.log(table["k_adj"] / table["k_ref"])
+    cells = values.groupby([table["subject"], table["hand"], table["environment"]])
+    unbiased = np.log(cells.std()) - cells.count().map(lambda count: bias(count - 1))
+    return unbiased.unstack(["hand", "environment"])
+
+
+def test_conditions_are_compared_by_the_paired_t_test_of_unbiased_log_sds():
+    """With other numbers of trials at the levels, log SDs are biased unequally."""
+    table = planted(1)
+    table = table[(table["hand"] == "left") | (table["trial"] < 4)]
+    rows = precision_of(opened(table))
+    wide = log_sds(table)
+    for environment in ("VE1", "VE2", None):
+        columns = slice(None) if environment is None else [environment]
+        left, right = (wide[level][columns].mean(axis=1) for level in ("left", "right"))
+        test = stats.ttest_rel(right, left)
+        interval = test.confidence_interval(0.95)
+        row = rows[environment]
+        ends = [interval.low, (right - left).mean(), interval.high]
+        assert np.log([row.lower, row.estimate, row.upper]) == pytest.approx(ends, rel=1e-7)
+        assert (row.p_value, row.n, row.unit) == (pytest.approx(test.pvalue, rel=1e-7), 8, "")
+    assert set(rows) == {"VE1", "VE2", None}
+
+
+def test_groups_are_compared_by_welch_s_test_of_unbiased_log_sds():
+    table = planted(2, apart=True)
+    wide = log_sds(table)
+    left, right = (wide[level].mean(axis=1).dropna() for level in ("left", "right"))
+    test = stats.ttest_ind(right, left, equal_var=False)
+    interval = test.confidence_interval(0.95)
+    row = precision_of(opened(table))[None]
+    assert np.log([row.lower, row.upper]) == pytest.approx([interval.low, interval.high], rel=1e-7)
+    assert row.p_value == pytest.approx(test.pvalue, rel=1e-7)
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize("apart", [False, True])
+def test_limits_hold_the_planted_ratio(apart):
+    """Of 40 studies at a level of 99 %, two may miss by either method."""
+    held = {"classical": [], "bayesian": []}
+    for seed in range(40):
+        table = planted(seed, subjects=10 if apart else 8, apart=apart)
+        study = opened(table, level=0.99, **FITTED)
+        for row in study.contrast_rows:
+            if row.of == "precision" and row.environment is None:
+                held[row.method].append(row.lower < RATIO < row.upper)
+    for inside in held.values():
+        assert sum(inside) >= 38
+
+
+def test_what_has_no_ratio_is_named():
+    table = planted(3, subjects=6)
+    first = (table["subject"] == "S2") & (table["hand"] == "left") & (table["environment"] == "VE1")
+    table.loc[first, "k_adj"] = 11.0
+    table = table[(table["environment"] == "VE1") | (table["trial"] == 1)]
+    study = opened(table)
+    rows = precision_of(study)
+    assert list(rows) == ["VE1"]
+    assert rows["VE1"].n == 5
+    why = {part.what: part.why for part in study.skipped_rows}
+    assert why["S2 in the precision of stiffness"] == (
+        "all trials in VE1 (left) are equal, and zero has no logarithm"
+    )
+    what = "contrast of precision of stiffness, right against left, in VE2"
+    once = opened(table[table["trial"] == 1])
+    assert not precision_of(once)
+    (part,) = [part for part in once.skipped_rows if part.what == "precision of stiffness"]
+    assert part.why == "no subject repeats a trial in a cell"
+    fit = opened(table, **FITTED)
+    rows = [row for row in fit.contrast_rows if row.of == "precision"]
+    assert [(row.environment, row.method) for row in rows] == [
+        ("VE1", "classical"),
+        ("VE1", "bayesian"),
+    ]
+    assert all(row.lower < RATIO < row.upper for row in rows)
+    why = {part.what: part.why for part in fit.skipped_rows}
+    assert why[what] == "there are no repeated trials at both levels"
+
+
+def test_only_factors_of_the_model_have_a_precision():
+    with pytest.raises(UsageError, match=r"model\.precision.*foot.*no factor of the model"):
+        opened(planted(1), precision="foot").contrast_rows  # noqa: B018
+
+
+def test_the_page_says_what_precision_is():
+    results = opened(planted(1)).results(curves=False)
+    section = contrast(results)
+    assert any("Precision is the ratio of SDs" in text for text in section.sentences)
+    (table, *_) = section.tables
+    assert sum("precision" in str(row) for row in table.rows) == 3
+
+
+@pytest.fixture(scope="module")
+def with_pairs():
+    return opened(frame(subjects=6), None, level=0.9, **(FITTED | {"kinds": ["mean", "user"]}))
+
+
+def test_probabilities_and_d_z_are_those_of_draws(with_pairs):
+    """Of the average and the next user, drawn from the posterior."""
+    fit = with_pairs.fit
+    rows = fit.contrasts.rows(fit.contrasts.users)
+    points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
+    averages, users = fit.model.draw(points, np.random.default_rng(1), rows)
+    sds = fit.model.user_sds(points, rows)
+    found = [row for row in with_pairs.contrast_rows if row.method == "bayesian" and row.kind]
+    names = ["mean", "user"]
+    for index, (row, kind) in enumerate(itertools.product(range(rows.shape[0]), names)):
+        drawn = (averages if kind == "mean" else users)[:, row]
+        assert found[index].kind == kind
+        assert found[index].probability_above == pytest.approx((drawn > 0.0).mean(), abs=0.01)
+        d_z = np.median(averages[:, row] / sds[:, row]) if kind == "mean" else None
+        assert found[index].d_z == (d_z if d_z is None else pytest.approx(d_z, abs=0.03))
+
+
+def test_levels_in_the_other_order_turn_probability_and_d_z(with_pairs):
+    rows = with_pairs.contrast_rows
+    straight = chosen_contrasts(rows, "hand: right - left")
+    turned = chosen_contrasts(rows, "hand: left - right")
+    pairs = [(a, b) for a, b in zip(straight, turned, strict=True) if a.probability_above]
+    assert len(pairs) == 8
+    for a, b in pairs:
+        assert a.probability_above + b.probability_above == pytest.approx(1.0)
+        assert (a.d_z or 0.0) + (b.d_z or 0.0) == 0.0
