@@ -12,21 +12,12 @@ means. About some log sigma its log likelihood is normal, with
 It is taken at the mode that all cells have together under a typical prior: where noise explains
 most of a cell's scatter, the mode of the cell by itself is chance.
 
-Samples of pairs with the correlation rho have log SDs with a correlation of rho², here called tie,
-with rho taken two standard errors nearer zero. So the rough log SDs of the second quantity are,
-given those of the first,
-
-    mean_2 + tie √(weight_1 / weight_2) (log sigma_1 - mean_1)
-
-with the weight weight_2 / (1 - tie²). Near a correlation of one the ratio of the two SDs is known
-far better than either. All of it shapes coordinates alone and does not enter the posterior. Arrays
-have the shape (P, C): P quantities by C cells.
+All of it shapes coordinates alone and does not enter the posterior. Arrays have the shape (P, C):
+P quantities by C cells.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +25,7 @@ from numpy.typing import NDArray
 
 from percept.inference.model.statistics import Statistics
 
-__all__ = ["RoughLikelihood", "likelihood_between", "likelihood_of_trials", "tie_trial"]
+__all__ = ["RoughLikelihood", "likelihood_between", "likelihood_of_trials"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -52,73 +43,13 @@ _LONGEST_STEP = 1.0
 _LEAST_FOLLOWED = 0.1
 #: Least share by which is divided. Cells with so small a share have no weight.
 _LEAST_SHARE = 1e-300
-#: Largest correlation of k and b, since atanh(1) is infinite. SDs whose ratio is known to a
-#: fiftieth of their own error, √(1 - 0.9999⁴), leave nothing to gain beyond.
-_LARGEST_CORRELATION = 0.9999
-#: Standard errors by which the correlation is drawn towards zero: two quantities whose correlation
-#: is chance, at the usual 95 %, then have separate coordinates.
-_STANDARD_ERRORS = 2.0
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class RoughLikelihood:
-    """Rough likelihood of the log SDs of P quantities (one or two) in C cells."""
+class RoughLikelihood(NamedTuple):
+    """Rough likelihood of the log SDs of P quantities in C cells."""
 
-    mean: Array  # (P, C) Of each quantity by itself
-    weight: Array  # (P, C) Of the second given the first; zero where the data say nothing
-    slope: Array  # (C,) Of the second quantity on the first
-
-    @classmethod
-    def tied(
-        cls,
-        mean: Array,
-        weight: Array,
-        tie: float,
-    ) -> RoughLikelihood:
-        """From means and weights (P, C) of each quantity by itself, and their correlation."""
-        both = (weight > 0).all(axis=0)
-        conditional = weight.copy()
-        conditional[1:] /= np.where(both, 1.0 - tie * tie, 1.0)
-        ratio = weight[0] / np.where(both, weight[-1], 1.0)
-        slope = np.where(both, tie * np.sqrt(ratio), 0.0)
-        return cls(mean, conditional, slope)
-
-    def shift_of_second(self, log_sigma: Array, shift: Array | float = 0.0) -> Array:
-        """Return what log SDs (C, W) of the first quantity add to the rough means of the second.
-
-        The rough means of the first are themselves moved by a shift (C, W).
-        """
-        mean = self.mean[0][:, None]
-        slope = self.slope[:, None]
-        departure = log_sigma - mean - shift
-        return np.asarray(slope * departure)
-
-
-def likelihood_between(
-    statistics: Statistics,
-    loadings: Array,
-    centre: float,
-    single_sd: float,
-    *,
-    subject_effect: bool,
-) -> RoughLikelihood:
-    """Rough likelihood of the SDs between subjects, by the arguments of `_rough_between`."""
-    rough = _rough_between(statistics, loadings, centre, single_sd, subject_effect=subject_effect)
-    tie = tie_between(statistics, subject_effect=subject_effect)
-    return RoughLikelihood.tied(rough.mean, rough.weight, tie)
-
-
-def likelihood_of_trials(statistics: Statistics) -> RoughLikelihood:
-    """Rough likelihood of the SDs between trials."""
-    rough = rough_trial(statistics)
-    return RoughLikelihood.tied(rough.mean, rough.weight, tie_trial(statistics))
-
-
-class RoughSpreads(NamedTuple):
-    """Rough likelihood of log SDs, each quantity by itself."""
-
-    mean: Array  # (P, J) Zero where the weight is
-    weight: Array  # (P, J) Inverse variance; zero where the data say next to nothing
+    mean: Array  # (P, C) Zero where the weight is
+    weight: Array  # (P, C) Inverse variance; zero where the data say next to nothing
 
 
 class _Expansion(NamedTuple):
@@ -129,20 +60,30 @@ class _Expansion(NamedTuple):
     weight: Array
 
 
-def _rough_between(
+def likelihood_between(
     statistics: Statistics,
     loadings: Array,
     centre: float,
     single_sd: float,
     *,
     subject_effect: bool,
-) -> RoughSpreads:
-    """Return a rough likelihood of the log SDs between subjects, at the cells' common mode.
+) -> RoughLikelihood:
+    """Rough likelihood of the log SDs between subjects, at the cells' common mode.
 
-    The loadings (P, K, C) are columns of log sigma times the prior SDs of their coefficients;
-    `single_sd` is the prior SD of log sigma where there is a single cell.
+    Parameters
+    ----------
+    statistics : Statistics
+        Of the responses.
+    loadings : ndarray
+        Columns of log sigma times the prior SDs of their coefficients, (P, K, C).
+    centre : float
+        Prior mean of log sigma.
+    single_sd : float
+        Prior SD of log sigma where there is a single cell.
+    subject_effect : bool
+        Whether subjects have effects that cells share.
     """
-    scatter = cell_scatter(statistics, subject_effect=subject_effect)
+    scatter = _cell_scatter(statistics, subject_effect=subject_effect)
     cells = scatter.sd.shape[1]
     omega = _TYPICAL_OMEGA if cells > 1 else single_sd
     identity = np.eye(cells)
@@ -160,13 +101,13 @@ def _rough_between(
     # From the mode under the prior to the mean of the likelihood alone.
     step_of_data = 0.5 * expansion.excess / np.maximum(expansion.share, _LEAST_SHARE)
     followed = expansion.weight > _LEAST_FOLLOWED
-    return RoughSpreads(
+    return RoughLikelihood(
         mean=np.where(followed, log_sigma + step_of_data, 0.0),
         weight=np.where(followed, expansion.weight, 0.0),
     )
 
 
-def _expansion(scatter: CellScatter, log_sigma: Array) -> _Expansion:
+def _expansion(scatter: _CellScatter, log_sigma: Array) -> _Expansion:
     """Expand the likelihood about log SDs. A scatter of zero is no evidence of a small SD."""
     informed = scatter.sd > 0
     inverse_variance = np.exp(-2.0 * log_sigma)
@@ -179,19 +120,18 @@ def _expansion(scatter: CellScatter, log_sigma: Array) -> _Expansion:
     )
 
 
-def rough_trial(statistics: Statistics) -> RoughSpreads:
-    """Return a rough likelihood of the log SDs between trials: their scatter has no noise."""
+def likelihood_of_trials(statistics: Statistics) -> RoughLikelihood:
+    """Rough likelihood of the log SDs between trials: their scatter has no noise."""
     squares = (statistics.trial_rows**2).sum(axis=1)
     df = np.broadcast_to(statistics.trial_df, squares.shape)
     sd = np.sqrt(squares / np.maximum(df, 1))
-    return RoughSpreads(
+    return RoughLikelihood(
         mean=np.log(np.where(sd > 0, sd, 1.0)),
         weight=np.where(sd > 0, 2.0 * df, 0.0),
     )
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class CellScatter:
+class _CellScatter(NamedTuple):
     """Scatter of subjects' means in each cell: sd² has the mean sigma² + noise."""
 
     sd: Array  # (P, J) SD of the means, zero where there is none
@@ -199,11 +139,11 @@ class CellScatter:
     noise: Array  # (P, J) Variance that the scatter of trials gives to a mean; zero without repeats
 
 
-def cell_scatter(
+def _cell_scatter(
     statistics: Statistics,
     *,
     subject_effect: bool,
-) -> CellScatter:
+) -> _CellScatter:
     """Scatter between subjects, without their means over cells where these have a variance."""
     noise = _noise_of_trials(statistics)
     sd = statistics.sd
@@ -215,10 +155,10 @@ def cell_scatter(
         smaller = has_scatter & (sd_within < sd)
         sd = np.where(smaller, sd_within, sd)
         df = np.where(smaller, df_within, df)
-    return CellScatter(sd, df, noise)
+    return _CellScatter(sd, df, noise)
 
 
-def centred(
+def _centred(
     values: Array,
     present: Flags,
     axis: int,
@@ -239,8 +179,8 @@ def _within_subjects(cell_means: Array) -> tuple[Array, Array]:
     several = cells > 1
     values = cell_means[several]
     present = np.isfinite(values)
-    about_cells = centred(values, present, 0)
-    residuals = centred(about_cells, present, 2)
+    about_cells = _centred(values, present, 0)
+    residuals = _centred(about_cells, present, 2)
     subjects_of_cell = present.sum(axis=0)
     cells_of_subject = present.sum(axis=2, keepdims=True)
     # Each subject's mean takes one degree of freedom, in equal parts from the subject's cells, and
@@ -271,62 +211,3 @@ def _noise_of_trials(statistics: Statistics) -> Array:
         subjects[pattern.environments] += pattern.subjects
         inverse_trials[pattern.environments] += pattern.subjects / pattern.trials
     return variance * inverse_trials / subjects
-
-
-def tie_between(statistics: Statistics, *, subject_effect: bool) -> float:
-    """Tie of the SDs between subjects, by departures of subjects' cell means.
-
-    Subjects' means over their cells are taken away where subjects have an effect of their own.
-    """
-    means = statistics.cell_means
-    finite = np.isfinite(means)
-    complete = np.asarray(finite.all(axis=1, keepdims=True))
-    departures = means
-    if subject_effect:
-        departures = centred(departures, complete, 2)
-    departures = centred(departures, complete, 0)
-    # Each environment weighs by its degrees of freedom, whatever its spread.
-    squares = np.square(departures).sum(axis=0)
-    subjects = complete.sum(axis=0)
-    variance = squares / np.maximum(subjects - 1.0, 1.0)
-    sd = np.sqrt(variance)
-    df = statistics.df.min(axis=0)
-    by_quantity = np.moveaxis(departures, 1, 0)
-    return _tie(by_quantity, sd[:, None], df.sum())
-
-
-def tie_trial(statistics: Statistics) -> float:
-    """Tie of the SDs between trials, by the rows of their scatter."""
-    rows = statistics.trial_rows
-    df = statistics.trial_df
-    squares = np.square(rows).sum(axis=1, keepdims=True)
-    variance = squares / np.maximum(df, 1.0)
-    sd = np.sqrt(variance)
-    return _tie(rows, sd, df.sum())
-
-
-def _tie(
-    departures: Array,
-    sd: Array,
-    df: float,
-) -> float:
-    """Tie of departures (P, ...), in units of their SD, with so many degrees of freedom.
-
-    A single quantity has no correlation: its tie is zero.
-    """
-    if len(departures) < 2:
-        return 0.0
-    divisor = np.where(sd > 0, sd, 1.0)
-    standardised = departures / divisor
-    first = standardised[0].ravel()
-    second = standardised[1].ravel()
-    product = (first @ first) * (second @ second)
-    # The Fisher transform atanh(rho) has the standard error 1/√(df - 3).
-    if df <= 3.0 or product == 0.0:
-        return 0.0
-    correlation = abs(first @ second) / math.sqrt(product)
-    transform = math.atanh(min(correlation, _LARGEST_CORRELATION))
-    standard_error = 1.0 / math.sqrt(df - 3.0)
-    nearer_zero = transform - _STANDARD_ERRORS * standard_error
-    rho = math.tanh(max(nearer_zero, 0.0))
-    return rho * rho

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from percept.inference.model.blocks import Block, block
 from percept.inference.model.design import LEVEL, Design, Term
 from percept.inference.model.priors import LIMIT, Priors, correlation, half_normal
-from percept.inference.model.rough import tie_trial
 from percept.inference.model.spreads import CellSpreads, numbered
 from percept.inference.model.statistics import Statistics
 from percept.inference.model.subject_spreads import SubjectSpreads
@@ -146,7 +145,6 @@ class Coordinates:
                     self._scatter,
                     len(statistics.subjects),
                     len(statistics.environments),
-                    tie_trial(statistics),
                 )
         self.names: list[str] = []
         self.slots: dict[str, slice] = {}

@@ -10,12 +10,12 @@ For one quantity the log SDs of C cells are
     omega   SD of log sigma about the columns, one number
     e       departures from the columns over omega, (C,), standard normal
 
-The data give log sigma a rough likelihood N(log sigma; l, diag(1/w)), with l and w (C,); that of a
-second quantity moves with the log SDs of the first (`rough`). Given omega, log sigma is then normal
-with some mean and covariance. The coordinates u of log sigma are standard normal under this law, so
-that they are nearly so under the posterior. Neither a centred nor a non-centred form is that for
-all data. The rough likelihood shapes the coordinates alone: the Jacobian is included, so that the
-prior is exact. Given omega, prior and rough likelihood give in turn
+The data give log sigma a rough likelihood N(log sigma; l, diag(1/w)), with l and w (C,) (`rough`).
+Given omega, log sigma is then normal with some mean and covariance. The coordinates u of log sigma
+are standard normal under this law, so that they are nearly so under the posterior. Neither a
+centred nor a non-centred form is that for all data. The rough likelihood shapes the coordinates
+alone: the Jacobian is included, so that the prior is exact. Given omega, prior and rough likelihood
+give in turn
 
     s = 1 + w omega²                      precision of e given h, (C,)
     q = w / s                             weight of l about the columns, (C,)
@@ -42,7 +42,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,19 +136,19 @@ class CellSpreads:
         #: (P, K, C)
         self._loadings = np.moveaxis(np.concatenate([nothing, *columns]), 1, 0)
         if suffix:
-            self._rough = likelihood_of_trials(statistics)
+            rough = likelihood_of_trials(statistics)
         else:
-            self._rough = likelihood_between(
+            rough = likelihood_between(
                 statistics,
                 self._loadings,
                 self.centre,
                 log_s_sd,
                 subject_effect=bool(design.subject),
             )
-        self.weight = self._rough.weight
+        self.weight = rough.weight
         self._maps = []
         for p, of_quantity in enumerate(self._loadings):
-            of_map = SpreadMap(self.centre, of_quantity, self._rough.mean[p], self.weight[p])
+            of_map = SpreadMap(self.centre, of_quantity, rough.mean[p], self.weight[p])
             self._maps.append(of_map)
 
     def __call__(
@@ -172,29 +171,19 @@ class CellSpreads:
         shift : ndarray
             What is added to the means of the rough likelihood, (P, C or 1, W).
         """
-        first = self._maps[0](columns[0], cells[0], omega[0], shift[0])
-        if len(self._maps) == 1:
-            return _stacked([first])
-        by_first = self._rough.shift_of_second(first.log_sigma, shift[0])
-        second = self._maps[1](columns[1], cells[1], omega[1], shift[1] + by_first)
-        return _stacked([first, second])
+        spreads = []
+        for p, of_quantity in enumerate(self._maps):
+            spreads.append(of_quantity(columns[p], cells[p], omega[p], shift[p]))
+        return LogSpreads(
+            log_sigma=np.stack([quantity.log_sigma for quantity in spreads]),
+            multiples=np.stack([quantity.multiples for quantity in spreads]),
+            log_density=np.sum([quantity.log_density for quantity in spreads], axis=0),
+        )
 
     def without_departures(self, columns: Array) -> LogSpreads:
         """Map coordinates (P, K, W) of the coefficients alone, which are standard normal."""
         log_sigma = self.centre + np.einsum("pkc,pkw->pcw", self._loadings, columns)
         return LogSpreads(log_sigma, columns, np.zeros(columns.shape[-1]))
-
-
-def _stacked(spreads: Sequence[LogSpreads]) -> LogSpreads:
-    """Spreads of several quantities in one record: log SDs (P, C, W) and multiples (P, K, W)."""
-    log_sigmas = [quantity.log_sigma for quantity in spreads]
-    multiples = [quantity.multiples for quantity in spreads]
-    log_densities = [quantity.log_density for quantity in spreads]
-    return LogSpreads(
-        log_sigma=np.stack(log_sigmas),
-        multiples=np.stack(multiples),
-        log_density=np.sum(log_densities, axis=0),
-    )
 
 
 class SpreadMap:

@@ -146,18 +146,12 @@ def _chance_of(log_sd: Array, half_df: Array) -> float:
 class SubjectSpreads:
     """Map from coordinates to log ratios phi of subjects' trial SDs, quantity by quantity.
 
-    The rough log SDs of two quantities are correlated. Given phi of the first quantity, those of
-    the second have the conditional mean l + correlation (phi_first - l_first), and their weight
-    is w / (1 - correlation²).
-
     Parameters
     ----------
     scatter : TrialScatter
         Of every subject by itself.
     subjects, cells : int
         Numbers of subjects N and of cells C.
-    correlation : float
-        Correlation of the rough log SDs of both quantities.
     """
 
     def __init__(
@@ -165,16 +159,13 @@ class SubjectSpreads:
         scatter: TrialScatter,
         subjects: int,
         cells: int,
-        correlation: float,
     ) -> None:
         table = _Table.of(scatter, subjects, cells)
         self._table = table
         df = table.df.sum(axis=2)
         self.weight = 2.0 * df  # (P, N) w
-        self.weight[1:] /= 1.0 - correlation * correlation
         log_sds = table.of_subjects()
         self._rough_log_sd = np.where(df > 0.0, log_sds, 0.0)  # (P, N) l
-        self._correlation = correlation
 
     def __call__(self, coordinates: Array, omega: Array) -> tuple[Array, Array]:
         """Map coordinates (P, N, W) given omega_s (P, W) to phi (P, N, W) and log density (W,)."""
@@ -182,10 +173,6 @@ class SubjectSpreads:
         log_density = np.zeros(omega.shape[1])
         for p, rough_log_sd in enumerate(self._rough_log_sd):
             rough = rough_log_sd[:, None]
-            if phi:
-                first_rough = self._rough_log_sd[0, :, None]
-                departure = phi[0] - first_rough
-                rough = rough + self._correlation * departure
             of_quantity, density = self._of_quantity(p, coordinates[p], omega[p], rough)
             phi.append(of_quantity)
             log_density += density

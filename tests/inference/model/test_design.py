@@ -17,7 +17,7 @@ def test_subjects_trial_sds_stand_at_their_rough_likelihood():
     cell = np.tile(np.arange(2), 8000)
     response = np.exp(true[subject] + 0.3 * cell)[:, None] * rng.normal(size=(16000, 1))
     scatter = trial_scatter(response, subject, cell)
-    spreads = SubjectSpreads(scatter, 4, 2, 0.0)
+    spreads = SubjectSpreads(scatter, 4, 2)
     phi, _ = spreads(np.zeros((1, 4, 1)), np.array([[10.0]]))
     ratios = phi[0, :, 0] - phi[0, :, 0].mean()
     # A log SD from 4,000 trials has a standard error of 1/sqrt(8,000).

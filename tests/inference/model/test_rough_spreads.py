@@ -11,7 +11,7 @@ from percept.inference.model.design import Options
 from percept.inference.model.limits import Limits
 from percept.inference.model.model import plain_model
 from percept.inference.model.priors import Priors
-from percept.inference.model.rough import rough_trial
+from percept.inference.model.rough import likelihood_of_trials
 from percept.inference.model.statistics import from_summary, from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
@@ -177,7 +177,7 @@ def test_trials_that_covariates_explain_say_nothing_of_their_spread(explained):
     """What is left of one difference and one covariate is rounding, near 1e-17."""
     rows = explained.statistics.trial_rows
     assert not rows[..., 1].any()
-    mean, weight = rough_trial(explained.statistics)
+    mean, weight = likelihood_of_trials(explained.statistics)
     assert (weight == 2.0 * np.array([5.0, 0.0, 5.0, 4.0])).all()
     sd = np.exp(mean[:, [0, 2, 3]])
     assert ((sd > 0.02) & (sd < 0.5)).all()
