@@ -17,6 +17,7 @@ from dataclasses import replace
 from itertools import islice
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
@@ -48,7 +49,7 @@ def is_typed(entry: Input) -> bool:
     unread = beginning.startswith((b"Octave-1-", b"# Created by Octave"))
     unread |= entry.name.casefold().endswith(".mat") and b"\0" in beginning
     if reader is None and unread:
-        message = "not a MATLAB file that percept reads (versions 5, 7 and 7.3)."
+        message = "not a MATLAB file that percept reads (versions 5 to 7)."
         raise UsageError(message, file=entry.name, hint="In Octave, save with -v7.")
     return reader is not None
 
@@ -180,17 +181,25 @@ def _chosen(names: Sequence[str], entry: Input, also: str = "", *, first: str = 
     raise UsageError(message, file=entry.name, hint=hint.strip())
 
 
-def _side_by_side(
-    columns: Mapping[str, Sequence[object]], entry: Input, limits: FileLimits
-) -> _Table:
+def _side_by_side(columns: Mapping[str, Any], entry: Input, limits: FileLimits) -> _Table:
     """Put columns side by side; columns of another length than most are no part of the table."""
-    lengths = Counter(len(column) for column in columns.values())
+    lists = {name: [own] if np.ndim(own) == 0 else own for name, own in columns.items()}
+    lengths = Counter(map(len, lists.values()))
     if not lengths:
         return []
     length = lengths.most_common(1)[0][0]
-    table = {name: column for name, column in columns.items() if len(column) == length}
+    table = {name: own for name, own in lists.items() if len(own) == length}
     limits.hold_table(length, len(table), entry.name)
-    return [list(table), *zip(*table.values(), strict=True)]
+    return [list(table), *zip(*(map(_plain, own) for own in table.values()), strict=True)]
+
+
+def _plain(item: Any) -> Any:
+    """Take a single value out of NumPy's arrays; an empty one is a blank cell."""
+    if isinstance(item, list | np.ndarray):
+        values = np.ravel(np.array(item, dtype=object)).tolist()
+        item = values[0] if len(values) == 1 else str(values) if values else ""
+    # MATLAB's and R's numbers are doubles: 3 is no 3.0.
+    return int(item) if isinstance(item, float) and item.is_integer() else item
 
 
 def _parquet(entry: Input, limits: FileLimits) -> _Table:
@@ -371,14 +380,17 @@ def _database(entry: Input, limits: FileLimits) -> _Table:
 
 def _matlab(entry: Input, limits: FileLimits) -> _Table:
     """Read a struct of columns, an array of structs, a matrix, or vectors of one length."""
-    found = matlab.variables(entry.data, entry.name, limits)
-    tables = matlab.tables(found, entry.name, limits)
+    found, alone = matlab.tables(entry.data, entry.name, limits)
+    # Structs of single values say something about the table.
+    tables = [name for name, own in found.items() if max(map(np.size, own.values()), default=0) > 1]
     if entry.part is None and not tables:
-        table = matlab.vectors(found)
-    else:
-        name = _chosen(tables if entry.part is None else list(found), entry)
-        table = matlab.columns(found[name], entry.name, limits)
-    return _side_by_side(table, entry, limits)
+        if alone or not found:
+            return _side_by_side(alone, entry, limits)
+        message = f"{shown(list(found))} hold no columns of one length, and no rows."
+        hint = "Save the table alone. In MATLAB: T = study.trials; save('T.mat', 'T', '-v7')."
+        raise NoDataError(message, file=entry.name, hint=hint)
+    name = _chosen(tables if entry.part is None else list(found), entry)
+    return _side_by_side(found[name], entry, limits)
 
 
 def _r(entry: Input, limits: FileLimits) -> _Table:
@@ -423,8 +435,7 @@ def _r(entry: Input, limits: FileLimits) -> _Table:
     if not hasattr(frame, "columns"):
         raise UsageError("this R object is no data frame.", file=entry.name, hint=_MAKE_FRAME)
     limits.hold_table(len(frame), len(frame.columns), entry.name)
-    columns = {str(name): [matlab.plain(item) for item in frame[name]] for name in frame}
-    return _side_by_side(columns, entry, limits)
+    return _side_by_side({str(name): frame[name] for name in frame}, entry, limits)
 
 
 #: How files begin, and what reads them.

@@ -11,7 +11,6 @@ import struct
 import tomllib
 import zlib
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -194,33 +193,22 @@ def test_structs_that_hold_vectors_are_melted(tmp_path):
     same_as_frame(path)
     # Single values repeat: 15 cells in the file are 24 in the table.
     assert "more than 20 cells." in refusal(path, files={"cells": 20})
-    savemat(path, {"study": {"info": {"date": "2024-05-01"}, "trials": columns()}})
-    assert "several tables; there are 'study.info', 'study.trials'." in refusal(path)
-    same_as_frame(f"{path}::study.trials")
     more = np.repeat(per_subject(), 2)
     for index in range(len(NAMES)):
         more[0][index] = np.arange(2.0 + index)
     savemat(path, {"S": more})
-    message = "vectors of struct 1 have different lengths: subject 2, environment 3, k_ref 4"
-    assert message in refusal(path)
+    assert "a broken file: columns must have matching element counts." in refusal(path)
 
 
-@pytest.mark.parametrize(
-    ("place", "number", "message"),
-    [
-        (324, 0, "an array has no shape"),
-        (296, 0, "a value is cut short, or of a kind that MATLAB does not write"),
-        (340, 1, "an array has other values than it says"),
-    ],
-)
-def test_what_matlab_does_not_write_is_refused(tmp_path, place, number, message):
-    # SciPy 1.17 ends with a segmentation fault on the first and the last.
+@pytest.mark.parametrize("place", [324, 340])
+def test_what_matlab_does_not_write_is_refused(tmp_path, place):
+    # SciPy 1.17 ends with a segmentation fault on both.
     path = tmp_path / "m.mat"
     savemat(path, MATLAB["a struct of columns"]())
     broken = bytearray(path.read_bytes())
-    broken[place : place + 4] = number.to_bytes(4, "little")
+    broken[place : place + 4] = (place == 340).to_bytes(4, "little")
     path.write_bytes(broken)
-    assert f"a broken file: {message}" in refusal(path)
+    assert "a broken file: " in refusal(path)
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -250,24 +238,20 @@ def matlab_object(name, kind, order):
     return element(14, flags + b"".join(texts) + element(14, inner))
 
 
-def test_what_a_struct_of_matlab_holds_counts(tmp_path):
+def test_what_a_file_of_matlab_unpacks_to_is_held_to_the_limits(tmp_path):
     path = tmp_path / "m.mat"
-    # 1,000 cells in two fields: the struct itself is one.
-    savemat(path, {"s": {"a": np.zeros((25, 20)), "b": np.zeros((25, 20))}}, do_compression=True)
+    savemat(path, {"s": {"a": np.zeros((25, 40)), "b": 1.0}}, do_compression=True)
     assert "more than 900 cells." in refusal(path, files={"cells": 900})
     assert "more than 4,000 bytes." in refusal(path, files={"size": 4000})
-    deep = {"a": 1.0}
-    for _ in range(60):
-        deep = {"a": deep}
-    savemat(path, {"s": deep})
-    assert "structs inside structs go too deep" in refusal(path)
+    savemat(path, {"study": {"info": {"date": "2024-05-01"}, "trials": columns()}})
+    assert "'study' hold no columns of one length, and no rows. Save the table" in refusal(path)
     # A thousand fields of a thousand structs that the file does not hold.
     savemat(path, {"s": np.empty((0, 1), dtype=[(f"f{i}", object) for i in range(1000)])})
     data = path.read_bytes()
     shape = struct.pack("<ii", 0, 1)
     assert data.count(shape) == 1
     path.write_bytes(data.replace(shape, struct.pack("<ii", 1000, 1)))
-    assert "more than 900,000 cells." in refusal(path, files={"cells": 900_000})
+    assert "'s' hold no columns of one length, and no rows." in refusal(path)
 
 
 def test_columns_of_a_matrix_have_numbers(tmp_path):
@@ -308,139 +292,16 @@ def test_matlab_files_of_other_versions_say_which_are_read(tmp_path, head):
     else:
         path.write_bytes(head)
     said = refusal(path)
-    assert "not a MATLAB file that percept reads (versions 5, 7 and 7.3)." in said
-    assert "In Octave, save with -v7." in said
+    assert (
+        "not a MATLAB file that percept reads (versions 5 to 7). In Octave, save with -v7" in said
+    )
 
 
-def test_an_array_of_no_structs_has_no_rows(tmp_path):
-    path = tmp_path / "m.mat"
-    savemat(path, {"S": np.empty((0, 0), dtype=[("a", object)])})
-    said = refusal(path)
-    assert "there are no data below the header." in said
-
-
-def hdf5_cell(file, item):
-    """Store one value as MATLAB 7.3 does: arrays lie with their first axis last."""
-    name = f"#refs#/{len(file.require_group('#refs#'))}"
-    if isinstance(item, str):
-        file[name] = np.array([[ord(letter)] for letter in item], dtype=np.uint16)
-        file[name].attrs["MATLAB_class"] = np.bytes_("char")
-    else:
-        file[name] = np.array([[float(item)]])
-        file[name].attrs["MATLAB_class"] = np.bytes_("double")
-    return file[name].ref
-
-
-def hdf5_values(file, name, values, *, cells):
-    """Store a column as numbers or as cells; a field of an array of structs is one of these."""
-    if cells:
-        links = np.array([[hdf5_cell(file, item) for item in values]], dtype=h5py.ref_dtype)
-        file[name] = links
-        file[name].attrs["MATLAB_class"] = np.bytes_("cell")
-    else:
-        file[name] = np.array([values], dtype=float)
-        file[name].attrs["MATLAB_class"] = np.bytes_("double")
-
-
-def matlab_73(path, layout):
-    """Write the frame as MATLAB 7.3 does: HDF5 behind 512 bytes of its own."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        stem = "trials/" if "struct" in layout else ""
-        for name in FRAME:
-            cells = layout == "an array of structs" or name in ("subject", "environment")
-            hdf5_values(file, stem + name, FRAME[name].tolist(), cells=cells)
-    with path.open("r+b") as raw:
-        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512))
-
-
-@pytest.mark.parametrize("layout", MATLAB)
-def test_matlab_7_3_is_read_however_it_is_laid_out(tmp_path, layout):
-    matlab_73(tmp_path / "m.mat", layout)
-    same_as_frame(tmp_path / "m.mat")
-
-
-def test_a_matrix_of_matlab_7_3_stands_upright(tmp_path):
-    matrix = np.array([[1, 1, 300, 310.5], [1, 2, 900, 890], [2, 1, 300, 305], [2, 2, 900, 1000]])
-    path = tmp_path / "m.mat"
-    hdf5(path, lambda file: file.create_dataset("data", data=matrix.T))
-    names = {name: f"column {n}" for n, name in enumerate(NAMES, 1)}
-    found = read_sessions(path, scene=ReadOptions(columns=names))
-    assert found.table["k_adj"].tolist() == matrix[:, 3].tolist()
-
-
-def hdf5(path, fill):
-    with h5py.File(path, "w", userblock_size=512) as file:
-        fill(file)
-    with path.open("r+b") as raw:
-        raw.write(b"MATLAB 7.3 MAT-file".ljust(512))
-
-
-def object_of_matlab(file):
-    file["T"] = np.zeros((1, 6), dtype=np.uint32)
-    file["T"].attrs["MATLAB_object_decode"] = 3
-
-
-def one_array_many_times(file):
-    file["#refs#/a"] = np.zeros((1, 60))
-    file["c"] = np.array([[file["#refs#/a"].ref] * 40], dtype=h5py.ref_dtype)
-
-
-def cell_that_holds_itself(file):
-    file.create_dataset("c", (1, 1), dtype=h5py.ref_dtype)
-    file["c"][0, 0] = file["c"].ref
-
-
-def values_of_another_file(file):
-    layout = h5py.VirtualLayout(shape=(4,), dtype="f8")
-    layout[:] = h5py.VirtualSource("other.h5", "secret", shape=(4,))
-    file.create_virtual_dataset("v", layout)
-
-
-HOSTILE_HDF5 = {
-    "another file": (
-        lambda file: file.__setitem__("x", h5py.ExternalLink("/etc/passwd", "/")),
-        "a broken file: x is a link.",
-    ),
-    "virtual": (values_of_another_file, "its values lie in another file."),
-    "external": (
-        lambda file: file.create_dataset("e", (4,), "f8", external=[("/etc/passwd", 0, 32)]),
-        "its values lie in another file.",
-    ),
-    "declared large": (
-        lambda file: file.create_dataset("z", (1 << 20, 1 << 20), "f8", chunks=(64, 64)),
-        "more than 2,000 cells.",
-    ),
-    "one array many times": (one_array_many_times, "more than 2,000 cells."),
-    "a cycle": (cell_that_holds_itself, "a broken file: "),
-    "a table": (object_of_matlab, "T is a table of MATLAB, an object that only MATLAB reads."),
-    "long values": (
-        lambda file: file.create_dataset("v", data=["x" * 9], dtype=h5py.string_dtype()),
-        "its values are of no length that it says.",
-    ),
-    "wide values": (
-        lambda file: file.create_dataset("w", (1500,), "S100"),
-        "more than 100,000 bytes.",
-    ),
-    "a large chunk": (
-        lambda file: file.create_dataset("c", (1,), "f8", chunks=(90_000,), maxshape=(None,)),
-        "more than 100,000 bytes.",
-    ),
-    "deep": (lambda file: file.create_group("s/t"), "a struct inside a struct is no column."),
-    "empty": (lambda file: None, "the table is empty."),
-}
-
-
-@pytest.mark.parametrize("trick", HOSTILE_HDF5)
-def test_hostile_files_of_matlab_7_3_are_refused(tmp_path, trick):
-    fill, message = HOSTILE_HDF5[trick]
-    hdf5(tmp_path / "m.mat", fill)
-    limits = {"cells": 2000, "size": 100_000}
-    assert message in refusal(tmp_path / "m.mat", files=limits)
-
-
-def test_a_matlab_7_3_file_of_nothing_but_its_name_is_broken(tmp_path):
-    (tmp_path / "m.mat").write_bytes(b"MATLAB 7.3 MAT-file, written by hand")
-    assert "a broken file: " in refusal(tmp_path / "m.mat")
+def test_matlab_7_3_says_how_it_is_saved(tmp_path):
+    (tmp_path / "m.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(600))
+    said = refusal(tmp_path / "m.mat")
+    assert "a MATLAB file of version 7.3, which percept does not read. Save it in MATLAB as" in said
+    assert "save('T.mat', '-v7'), or by writetable(T, 'T.csv')." in said
 
 
 def r_file(path, frame, name=None):
