@@ -216,20 +216,6 @@ def _at_a_limit(trials: Trials, parameter: str) -> Iterator[Found]:
         yield Found(text, column, at_limit.idxmax())
 
 
-def _never_moved(trials: Trials, parameter: str) -> Iterator[Found]:
-    """Name subjects who have several trials, and left the reference in all of them."""
-    column = f"{parameter}_adj"
-    known = trials.table.dropna(subset=column)
-    same = known[column] == known[f"{parameter}_ref"]
-    by_subject = same.groupby(known["subject"], sort=False).agg(["all", "size"])
-    still = by_subject.index[by_subject["all"] & (by_subject["size"] > 1)]
-    if len(still):
-        noun = "subject" if len(still) == 1 else "subjects"
-        who = f"{noun} {shown([str(name) for name in still])}"
-        text = f"{who} left {parameter} at the reference in every trial: was the setting recorded?"
-        yield Found(text, column)
-
-
 def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[str, str]]:
     """Yield the subjects and environments without a trial; subjects of other groups do not count.
 
@@ -310,5 +296,4 @@ _CHECKS_OF_A_QUANTITY: tuple[Callable[[Trials, str], Iterator[Found]], ...] = (
     _codes,
     _without_logarithm,
     _at_a_limit,
-    _never_moved,
 )

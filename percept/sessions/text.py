@@ -39,14 +39,14 @@ _HALF = re.compile("[\ud800-\udfff]")
 _BYTE_ORDER_MARK = "\ufeff"
 #: A header of more cells is no session table's; the bound keeps hostile lines cheap.
 _MOST_CELLS = 20_000
-#: Characters of a header, and of a line below it, which may hold mouse tracks.
-_LONGEST_HEADER = 1 << 19
-_LONGEST_LINE = 1 << 23
+#: Characters at the beginning of a text that tell its dialect, and of a cell with a mouse track.
+_BEGINNING = 1 << 19
+_LONGEST_CELL = 1 << 24
 #: A dialect is tried on so many rows.
 _SAMPLE = 2_000
 _QUOTES_HINT = "Write the table again as CSV with quotes doubled."
-# A cell may span lines; csv's own limit of 128 kB is below what mouse tracks take.
-csv.field_size_limit(max(csv.field_size_limit(), 8 * _LONGEST_LINE))
+# csv's own limit of 128 kB is below what mouse tracks take.
+csv.field_size_limit(max(csv.field_size_limit(), _LONGEST_CELL))
 
 
 class Grid:
@@ -188,7 +188,7 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
         # An appending writer puts one before each repeated header.
         head = re.escape(re.split("[\r\n]", text, maxsplit=1)[0])
         text = re.sub(f"(^|[\r\n]){_BYTE_ORDER_MARK}(?={head})", r"\1", text)
-    beginning = text[:_LONGEST_HEADER]
+    beginning = text[:_BEGINNING]
     header = next((line for line in beginning.splitlines() if line.strip()), "")
     fits: list[Grid] = []
     misfits: list[tuple[bool, int, int, UsageError]] = []
@@ -268,53 +268,24 @@ def _records(text: str, delimiter: str, quoting: Quoting, file: str, first_row: 
     if quoting == "backslash":
         # A NUL is refused before, so that it can stand for an escaped quote.
         text = text.replace('\\"', "\0")
-    lines = _Lines(text, file)
-    records: Iterator[list[str]] = csv.reader(lines, delimiter=delimiter, strict=True)
+    lines = (found[0] for found in _LINE.finditer(text))
     if quoting == "wrapped":
-        records = (_join(line.rstrip("\r\n").split(delimiter), delimiter) for line in lines)
-    alone = 0  # The first record that ends in a lone carriage return
-    others = False
-    while True:
-        row = first_row + lines.taken
-        try:
-            cells = next(records, None)
-        except csv.Error:
-            message = "a quoted cell is not closed, or text follows its closing quote."
-            raise UsageError(message, file=file, row=row, hint=_QUOTES_HINT) from None
-        if cells is None:
-            return
-        alone = alone or row * (lines.closing == "\r")
-        others |= lines.closing == "\n"
-        if alone and others:
-            message = "a line ends in a lone carriage return, and other lines do not."
-            raise UsageError(message, file=file, row=alone, hint=_QUOTES_HINT)
-        if quoting == "backslash":
-            cells = [cell.replace("\0", '"') for cell in cells]
-        yield row, cells or [""]
-
-
-class _Lines:
-    """The lines of a text with their ends, none longer than a line may be."""
-
-    def __init__(self, text: str, file: str) -> None:
-        self.taken = 0  # Lines so far
-        self.closing = ""  # The last sign of the last one
-        self._found = _LINE.finditer(text)
-        self._file = file
-
-    def __iter__(self) -> Iterator[str]:
-        return self
-
-    def __next__(self) -> str:
-        line = next(self._found)[0]
-        longest = _LONGEST_LINE if self.taken else _LONGEST_HEADER
-        if len(line) > longest:
-            hint = "This is no session table, or its line ends are lost."
-            message = f"a line of more than {longest} characters."
-            raise UsageError(message, file=self._file, hint=hint)
-        self.taken += 1
-        self.closing = line[-1]
-        return line
+        for row, line in enumerate(lines, first_row):
+            yield row, _join(line.rstrip("\r\n").split(delimiter), delimiter)
+        return
+    reader = csv.reader(lines, delimiter=delimiter, strict=True)
+    row = first_row
+    try:
+        for cells in reader:
+            if quoting == "backslash":
+                cells = [cell.replace("\0", '"') for cell in cells]
+            yield row, cells or [""]
+            row = first_row + reader.line_num
+    except csv.Error as error:
+        message = "a quoted cell is not closed, or text follows its closing quote."
+        if "limit" in str(error):
+            message = f"a cell of more than {_LONGEST_CELL:,} characters."
+        raise UsageError(message, file=file, row=row, hint=_QUOTES_HINT) from None
 
 
 def _join(pieces: list[str], delimiter: str) -> list[str]:

@@ -398,17 +398,12 @@ def _r(entry: Input, limits: FileLimits) -> _Table:
     import rdata
 
     constructors = dict(rdata.parser.DEFAULT_ALTREP_MAP)
-    sequences = 0
 
     def bounded(construct: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """Hold sequences, which R writes as their lengths alone, before they are made."""
+        """Hold a sequence, which R writes as its length alone, before it is made."""
 
         def within_limits(state: Any) -> Any:
-            nonlocal sequences
-            length = int(state.value[0])
-            sequences += length
-            limits.hold_table(length, 1, entry.name)
-            limits.hold_table(1, sequences, entry.name)
+            limits.hold_table(int(state.value[0]), 1, entry.name)
             return construct(state)
 
         return within_limits

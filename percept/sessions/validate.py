@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -45,25 +44,19 @@ class Validation:
     def to_dict(self) -> _Plain:
         """Return it as plain tables for JSON; of a problem its message, place, value and hint."""
         names = ("message", "file", "row", "column", "key", "value", "hint")
-        plain: _Plain = {
+        read = self.sessions
+        return {
             "exit_code": self.exit_code,
-            "form": None,
-            "sources": [dataclasses.asdict(source) for source in self.sources],
-            "counts": {},
-            "notices": [dataclasses.asdict(notice) for notice in self.notices],
-            "exclusions": [],
-            "environments": [],
-            "units": {},
+            "form": read and read.form,
+            "sources": [asdict(source) for source in self.sources],
+            "counts": dict(read.counts) if read else {},
+            "notices": [asdict(notice) for notice in self.notices],
+            "exclusions": [asdict(left) for left in read.exclusions] if read else [],
+            "environments": _environments(read) if read else [],
+            "units": _units(read) if read else {},
             "problems": [{name: getattr(own, name) for name in names} for own in self.problems],
             "problems_total": self.problems_total,
         }
-        if self.sessions is not None:
-            plain["form"] = self.sessions.form
-            plain["counts"] = dict(self.sessions.counts)
-            plain["exclusions"] = [dataclasses.asdict(left) for left in self.sessions.exclusions]
-            plain["environments"] = _environments(self.sessions)
-            plain["units"] = _units(self.sessions)
-        return plain
 
 
 def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validation:

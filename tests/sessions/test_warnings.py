@@ -69,14 +69,6 @@ def test_values_without_a_logarithm(tmp_path):
     ]
 
 
-def test_a_knob_that_never_moved(tmp_path):
-    still = ["8,soft,100,1,100,1.1", "8,hard,2000,10,2000,10"]
-    once = ["9,soft,100,1,100,0.8", "9,hard,2000,10,1900,11"]
-    assert warnings_of(tmp_path, [*CLEAN, *still, *once]) == [
-        "k_adj: subject '8' left k at the reference in every trial: was the setting recorded?"
-    ]
-
-
 def test_cells_not_tried_are_named(tmp_path):
     assert warnings_of(tmp_path, CLEAN[:-1]) == ["1 cell has no trial: '4 at hard'"]
     assert warnings_of(tmp_path, [*CLEAN[1:3], *CLEAN[4:]]) == [
