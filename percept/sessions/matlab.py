@@ -32,13 +32,13 @@ _CHAR = 4
 _FIRST_NUMBERS = 6
 _LAST_NUMBERS = 15
 _OBJECT = 17
+#: Cells by column: an array, a list, or a single value.
+Columns = dict[str, Any]
 #: In an array's flags: its numbers are complex.
 _COMPLEX = 0x800
 
 
-def tables(
-    data: bytes, file: str, limits: FileLimits
-) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
+def tables(data: bytes, file: str, limits: FileLimits) -> tuple[dict[str, Columns], Columns]:
     """Read a file: its tables by name, as columns, and the columns that stand alone.
 
     A struct is a table, and so are an array of structs and a matrix.
@@ -48,7 +48,7 @@ def tables(
     UsageError
         The file passes a limit, holds an object of MATLAB's own, or is of version 7.3.
     """
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Columns] = {}
     alone = {}
     for name, value in _variables(data, file, limits):
         if isinstance(value, dict):
@@ -62,7 +62,7 @@ def tables(
     return found, alone
 
 
-def _below_one_another(structs: Sequence[Any], file: str, limits: FileLimits) -> dict[str, Any]:
+def _below_one_another(structs: Sequence[Any], file: str, limits: FileLimits) -> Columns:
     """Columns of an array of structs; where a struct holds vectors, its single values repeat."""
     frame = pd.DataFrame(structs, dtype=object)
     sizes = frame.map(np.size)

@@ -11,7 +11,7 @@ import json
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from itertools import islice
@@ -181,7 +181,7 @@ def _chosen(names: Sequence[str], entry: Input, also: str = "", *, first: str = 
     raise UsageError(message, file=entry.name, hint=hint.strip())
 
 
-def _side_by_side(columns: Mapping[str, Any], entry: Input, limits: FileLimits) -> _Table:
+def _side_by_side(columns: matlab.Columns, entry: Input, limits: FileLimits) -> _Table:
     """Put columns side by side; columns of another length than most are no part of the table."""
     lists = {name: [own] if np.ndim(own) == 0 else own for name, own in columns.items()}
     lengths = Counter(map(len, lists.values()))
