@@ -26,8 +26,8 @@ _LIMIT_ACCURACY = 1e-4
 _SCORE_ACCURACY = 1e-3
 #: Shares nearer to 0 or 1 than this count as this much: a normal score stays finite.
 _LEAST_SHARE = 1e-9
-#: Of the largest abs(Z_h) of users: below it lie next to none, also where abs(Z_h) can vanish.
-_LEAST_FRACTION = 1e-4
+#: Of what the largest abs(Z_h) of users is above the least: below it lie next to none.
+_LEAST_FRACTION = 1e-6
 
 
 class CouplingJudge:
@@ -68,13 +68,15 @@ class CouplingJudge:
         nothing = np.empty((users.size, omega.size))
         self._ranges = Range(nothing, nothing.copy())
 
-    def probabilities(self, couplings: Coupling) -> Array:
-        """Return the share of draws under which each coupling feels real.
+    def probabilities(self, couplings: Coupling, draws: int) -> Array:
+        """Return the share of the first draws under which each coupling feels real.
 
         Parameters
         ----------
         couplings : Coupling
             Of C stiffnesses, N/m, and dampings, N·s/m.
+        draws : int
+            Number of draws, at most D.
 
         Returns
         -------
@@ -84,20 +86,20 @@ class CouplingJudge:
         grid = display.loop.at(self._omega[:, None])
         shown = shown_element(grid, display)
         stiffness, damping = np.broadcast_arrays(shown.stiffness, shown.damping)
-        inside = _stays_in(stiffness, self._boxes.stiffness)
-        inside &= _stays_in(damping, self._boxes.damping)
+        inside = _stays_in(stiffness, self._boxes.stiffness, draws)
+        inside &= _stays_in(damping, self._boxes.damping, draws)
         (rows,) = np.nonzero(inside.any(axis=1))
-        (draws,) = np.nonzero(inside.any(axis=0))
-        self._work_out(draws[~self._ranged[draws]])
-        kept = inside[np.ix_(rows, draws)]
+        (columns,) = np.nonzero(inside.any(axis=0))
+        self._work_out(columns[~self._ranged[columns]])
+        kept = inside[np.ix_(rows, columns)]
         shown_points = Point(stiffness[:, rows], damping[:, rows])
         displayed = self._plane.column().distance(shown_points)
         for index, radius in enumerate(displayed):
             column = radius[:, None]
-            kept &= column >= self._ranges.low[draws, index]
-            kept &= column <= self._ranges.high[draws, index]
+            kept &= column >= self._ranges.low[columns, index]
+            kept &= column <= self._ranges.high[columns, index]
         probabilities = np.zeros(len(inside))
-        probabilities[rows] = kept.sum(axis=1) / self._users.size
+        probabilities[rows] = kept.sum(axis=1) / draws
         return probabilities
 
     def _work_out(self, draws: Indices) -> None:
@@ -110,11 +112,11 @@ class CouplingJudge:
             self._ranged[draws] = True
 
 
-def _stays_in(shown: Array, limits: Range) -> Flags:
-    """Say which columns of (M, C) stay in each of D ranges, (C, D)."""
+def _stays_in(shown: Array, limits: Range, draws: int) -> Flags:
+    """Say which columns of (M, C) stay in the ranges of the first draws, (C, draws)."""
     least = shown.min(axis=0)[:, None]
     most = shown.max(axis=0)[:, None]
-    return (least >= limits.low) & (most <= limits.high)
+    return (least >= limits.low[:draws]) & (most <= limits.high[:draws])
 
 
 def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
@@ -137,17 +139,26 @@ def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
     tail = 0.5 * (1.0 - level)
     # Outside one of four such limits lie fewer users than in one tail of abs(Z_h).
     boxes = users.central_ranges(1.0 - 0.5 * tail)
-    logs = _log_range(boxes, plane)
+    least = np.zeros(plane.gain.shape)
+    if users.log:
+        # Nobody takes less than zero. Over what is above this distance scores are next to straight.
+        stiffness, damping = plane.origin()
+        least = plane.distance(Point(np.maximum(stiffness, 0.0), np.maximum(damping, 0.0)))
+    logs = _log_range(boxes, plane, least)
     edge = -float(special.ndtri(tail))
-    return Range(_limit(users, plane, logs, -edge), _limit(users, plane, logs, edge))
+    low, high = (_limit(users, plane, least, logs, score) for score in (-edge, edge))
+    return Range(low, high)
 
 
-def _log_range(boxes: Boxes, plane: DistancePlane) -> Range:
-    """Return the smallest and the largest log abs(Z_h) over the box of each population, (D, M)."""
+def _log_range(boxes: Boxes, plane: DistancePlane, least: Array) -> Range:
+    """Return the ends of abs(Z_h) over the box of each population, (D, M): logs of what is above.
+
+    `least` are the smallest abs(Z_h), (M,).
+    """
     k, b = ([end[:, None] for end in limits] for limits in (boxes.stiffness, boxes.damping))
     extremes = Boxes(Range(*k), Range(*b)).extremes(plane)
-    farthest = plane.distance(extremes.farthest)
-    nearest = plane.distance(extremes.nearest)
+    farthest = plane.distance(extremes.farthest) - least
+    nearest = plane.distance(extremes.nearest) - least
     low = np.log(np.maximum(nearest, _LEAST_FRACTION * farthest))
     return Range(low, np.log(farthest))
 
@@ -155,23 +166,25 @@ def _log_range(boxes: Boxes, plane: DistancePlane) -> Range:
 def _limit(
     users: Users,
     plane: DistancePlane,
+    least: Array,
     logs: Range,
     score: float,
 ) -> Array:
     """Return the abs(Z_h) below which lie as many users as below a normal score, (D, M)."""
     log_middle = 0.5 * np.median(logs.low + logs.high, axis=0)
     one_device = DistancePlane(*(field[None] for field in plane))
-    discs = Discs(users, one_device, np.exp(log_middle)[None])
+    discs = Discs(users, one_device, (least + np.exp(log_middle))[None])
     limit = np.empty_like(logs.low)
     for integral, frequencies in discs.integrals(_SHARE_ACCURACY).items():
         cells = np.nonzero(np.broadcast_to(frequencies, limit.shape))
-        limit[cells] = _solve(users, plane, logs, score, integral, cells)
+        limit[cells] = _solve(users, plane, least, logs, score, integral, cells)
     return limit
 
 
 def _solve(
     users: Users,
     plane: DistancePlane,
+    least: Array,
     logs: Range,
     score: float,
     integral: DiscIntegral,
@@ -179,10 +192,11 @@ def _solve(
 ) -> Array:
     """Return the limits (n,) of n cells, each a draw and a frequency."""
 
-    def excess(log_radius: Array, draw: Array, column: Array) -> Array:
+    def excess(log_above: Array, draw: Array, column: Array) -> Array:
         some = users.select(draw.astype(np.intp))
-        there = plane.select(column.astype(np.intp))
-        shares = shares_of_cells(some, there, np.exp(log_radius), integral)
+        which = column.astype(np.intp)
+        radius = least[which] + np.exp(log_above)
+        shares = shares_of_cells(some, plane.select(which), radius, integral)
         bounded = np.clip(shares, _LEAST_SHARE, 1.0 - _LEAST_SHARE)
         return np.asarray(special.ndtri(bounded) - score)
 
@@ -200,4 +214,4 @@ def _solve(
         },
     )
     # Without a change of sign next to no user lies between the low end and the limit.
-    return np.exp(np.where(root.success, root.x, low))
+    return np.asarray(least[column] + np.exp(np.where(root.success, root.x, low)))

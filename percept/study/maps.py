@@ -158,24 +158,18 @@ class _Judge:
         self.users = users
         self.scene = scene
         some = self._some(_DRAWS[0])
-        softest, _ = _stiffnesses(setup, name, some, scene.verdict.central)
+        central = scene.verdict.central
+        softest, _ = _stiffnesses(setup, name, some, central)
         #: N/m; a softer coupling is too soft under every draw.
         self.softest = _SOFTER * softest
-        self._omega = _frequencies(setup, name, some, scene)
+        omega = _frequencies(setup, name, some, scene)
+        display = setup.display(name, coupled=True)
+        #: Of the first draws, as many as it is asked for.
+        self.couplings = CouplingJudge(display, self._some(_DRAWS[-1]), omega, central=central)
         self._searched = frequencies(setup, name, relative_sd(users), scene)
-        self._by_draws: dict[int, CouplingJudge] = {}
 
     def _some(self, draws: int) -> Users:
         return self.users.select(slice(0, draws))
-
-    def probabilities(self, couplings: Coupling, draws: int) -> Array:
-        """Return the share of so many draws of the users under which couplings feel real, (C,)."""
-        if draws not in self._by_draws:
-            display = self.setup.display(self.name, coupled=True)
-            central = self.scene.verdict.central
-            judge = CouplingJudge(display, self._some(draws), self._omega, central=central)
-            self._by_draws[draws] = judge
-        return self._by_draws[draws].probabilities(couplings)
 
     def confirm(self, coupling: Coupling) -> Evidence:
         """Judge one coupling by `feels_real`."""
@@ -257,7 +251,7 @@ class _Couplings:
             maybe = np.flatnonzero(least * stable > 0.0)
             if maybe.size:
                 couplings = Coupling(flat[maybe], beside[maybe])
-                found = of_environment.probabilities(couplings, self.draws)
+                found = of_environment.couplings.probabilities(couplings, self.draws)
                 least[maybe] = np.minimum(least[maybe], found)
         return (stable * least).reshape(stiffness.shape)
 

@@ -58,7 +58,7 @@ def test_couplings_are_judged_as_one_by_one():
     rng = np.random.default_rng(4)
     stiffness = 500.0 * 10.0 ** rng.uniform(0.3, 2.0, 20)
     damping = rng.uniform(0.0, 40.0, 20)
-    together = judge.probabilities(Coupling(stiffness, damping))
+    together = judge.probabilities(Coupling(stiffness, damping), users.size)
     some = slice(None, None, 1 if LONG else 3)
     alone = []
     for k, b in zip(stiffness[some], damping[some], strict=True):
@@ -68,5 +68,9 @@ def test_couplings_are_judged_as_one_by_one():
     np.testing.assert_allclose(together[some], alone, atol=0.02)
     assert np.ptp(together[some]) > 0.5
     # Asked again in another order: ranges that were worked out are kept.
-    again = judge.probabilities(Coupling(stiffness[::-1], damping[::-1]))
+    again = judge.probabilities(Coupling(stiffness[::-1], damping[::-1]), users.size)
     np.testing.assert_array_equal(again[::-1], together)
+    few = CouplingJudge(DISPLAY, users.select(slice(0, 50)), dense, central=0.99)
+    of_few = few.probabilities(Coupling(stiffness, damping), 50)
+    of_first = judge.probabilities(Coupling(stiffness, damping), 50)
+    np.testing.assert_array_equal(of_first, of_few)
