@@ -274,46 +274,26 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
     lowest = np.log(impedance.min()) - _BELOW
     highest = np.log(impedance.max()) + _ABOVE
     grid = np.linspace(lowest, highest, _GRID_POINTS)
-    # The grid is the same for all sets: of the squared distances only the product with it differs.
-    # The digits this loses could at most choose a neighbouring step, which the brackets hold as
-    # well.
-    offsets = np.exp(grid)[:, None]
-    curves = np.log(offsets + impedance)
-    curves -= curves.mean(axis=1, keepdims=True)
-    squares = np.einsum("gj,gj->g", curves, curves)
-    distances = squares - 2.0 * y @ curves.T
-    best = distances.argmin(axis=1)
-    every = np.arange(len(y))
 
-    def misfit(log_ratio: Array, which: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Return half the squared distance, and its slope, whose zero has twice the digits."""
+    def misfit(log_ratio: Array) -> Array:
+        """Return the squared distance of each set (S,) at ratios (points, S)."""
+        return (y - np.log(np.exp(log_ratio)[..., None] + impedance)).var(axis=-1)
+
+    def slope(log_ratio: Array, which: NDArray[np.intp]) -> Array:
+        """Return the slope of half of it, whose zero has twice the digits of its minimum."""
         offset = np.exp(log_ratio)[:, None]
         off = y[which] - np.log(offset + impedance)
         off -= off.mean(axis=1, keepdims=True)
-        rate = offset / (offset + impedance)
-        slope = -np.einsum("sj,sj->s", off, rate)
-        return 0.5 * np.einsum("sj,sj->s", off, off), slope
+        return -np.einsum("sj,sj->s", off, offset / (offset + impedance))
 
-    def slope(log_ratio: Array, which: NDArray[np.intp]) -> Array:
-        _, slope = misfit(log_ratio, which)
-        return slope
-
+    best = grid[misfit(grid[:, None]).argmin(axis=0)]
     step = grid[1] - grid[0]
-    left = grid[best] - step
-    right = grid[best] + step
-    rises = slope(left, every) >= 0
-    falls = slope(right, every) <= 0
-    minimum = np.where(rises, left, right)
-    turns = np.flatnonzero(~rises & ~falls)
-    if turns.size:
-        bracket = (left[turns], right[turns])
-        minimum[turns] = elementwise.find_root(slope, bracket, args=(turns,)).x
+    turn = elementwise.find_root(slope, (best - step, best + step), args=(np.arange(len(y)),))
+    # At an end of the grid nothing turns.
+    minimum = np.where(turn.success, turn.x, best)
     # No offset at all may fit best: the search runs in the logarithm, which never gets there.
     log_of_none = np.full(len(y), -np.inf)
-    without_offset, _ = misfit(log_of_none, every)
-    with_offset, _ = misfit(minimum, every)
-    ratio = np.where(without_offset <= with_offset, 0.0, np.exp(minimum))
+    ratio = np.where(misfit(log_of_none) <= misfit(minimum), 0.0, np.exp(minimum))
     shape = np.log(ratio[:, None] + impedance)
-    log_w = (y - shape).mean(axis=1)
-    w = np.exp(log_w)
+    w = np.exp((y - shape).mean(axis=1))
     return np.stack([ratio * w, w], axis=1)

@@ -187,7 +187,8 @@ class Magnitude:
     def log_limits_between(self, scores: Array) -> Array:
         """Interpolate log limits at scores (B, 2, M), along straight lines between solved scores.
 
-        Solved are those that `log_limits` has been called with: two or more, near these scores.
+        Solved are those that `log_limits` has been called with: some near these scores, and some
+        far off.
         """
         solved = np.array(sorted(self._logs_at))
         tables = np.stack([self._logs_at[score] for score in solved])

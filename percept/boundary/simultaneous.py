@@ -27,7 +27,6 @@ s. It would need a score higher by dp_i / abs(dp/ds), and dp/ds = (1 - P) d(log 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +40,6 @@ from percept.errors import RefusalError
 __all__ = ["SimultaneousLevel", "simultaneous_level"]
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 # SDs of a normal to which the score is searched: about 0.1 % of the half-width of usual bands,
 # 2.6 SDs, and far below the Monte Carlo error.
@@ -50,11 +47,8 @@ _ACCURACY = 0.003
 # Least distance of two scores that the slope of log p is taken between: between nearer ones the
 # search's own error decides.
 _SLOPE_BASE = _ACCURACY
-# Each step out is this much longer than the one before, until curves stay inside. The first step
-# follows the slope of a normal's tail and is mostly enough, so that the factor hardly matters.
-_LONGER = 1.5
-# Steps out before the farthest score is taken: the last would be 1e5 times the first.
-_MOST_STEPS = 30
+# SDs of a normal to the scores beside the one found: batches of draws move limits by about as much.
+_NEAR = 0.2
 # The least probability with a logarithm: from far out no curve may leave at all.
 _TINY = np.finfo(np.float64).tiny
 
@@ -66,31 +60,6 @@ class SimultaneousLevel:
     level: float
     error: float  # Monte Carlo standard error
     shifts: Array  # (B,) by how many SDs each batch of draws would move the limits out
-
-
-@dataclass(frozen=True, eq=False)
-class _Intervals:
-    """Intervals of k that balls cover at M frequencies on N lines; ends as F(k, b) of the table."""
-
-    start: Array  # (C, N, M) by each of C tables
-    end: Array  # (C, N, M)
-
-
-@dataclass(frozen=True, eq=False)
-class _Gaps:
-    """What outer intervals share outside all holes, on N lines, from left to right."""
-
-    size: Array  # (C, N, M + 1) probability of each gap; zero where holes overlap
-    closing: Indices  # (C, N, M) frequency whose hole begins where a gap ends; not of the last gap
-    opening: Indices  # (C, N, M) frequency whose hole ends where a gap begins; not of the first
-
-
-@dataclass(frozen=True, eq=False)
-class _Leaving:
-    """Curves that leave their limits."""
-
-    probability: Array  # (C,) for each of C tables
-    binding: Flags  # (M,) frequencies at which some curve leaves that stays inside elsewhere
 
 
 def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
@@ -120,13 +89,9 @@ def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
     table = of_k[None]
 
     @functools.cache
-    def leaving_at(score: float) -> _Leaving:
-        return _curves_leaving(magnitude, magnitude.log_limits(score)[None], table)
-
-    @functools.cache
     def log_excess(score: float) -> float:
         """Return the log of how many times too many curves leave."""
-        (probability,) = leaving_at(score).probability
+        (probability,) = _leaving(magnitude, magnitude.log_limits(score)[None], table)
         ratio = max(probability, _TINY) / allowed
         return float(np.log(ratio))
 
@@ -137,127 +102,68 @@ def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
     fall = first
     first_excess = log_excess(first)
     if first_excess > 0.0:
-        end = _score_that_holds(log_excess, first, first_excess / fall, farthest)
-        solved = optimize.brentq(log_excess, first, end, xtol=_ACCURACY)
+        solved = optimize.brentq(log_excess, first, farthest, xtol=_ACCURACY)
         score = min(max(solved, first + _SLOPE_BASE), farthest)
         fall = (first_excess - log_excess(score)) / (score - first)
     # Where the first score suffices, curves leave less often than allowed. The level then stands at
     # its least, and its error is that of a level which just suffices: more than it has.
-    binding = leaving_at(score).binding
     # The level is what is reported, and `limits(level)` starts from its score: rounding makes that
     # another number in the last digit, for which limits are solved here once and then found again.
     score = score_of(level_of(score))
-    changes = _batch_changes(magnitude, score, binding)
-    shifts = changes / (fall * allowed)
+    shifts = _batch_changes(magnitude, score) / (fall * allowed)
     levels_per_score = 2.0 * float(density(score))
     error = levels_per_score * float(magnitude.law.standard_error(shifts))
     return SimultaneousLevel(level_of(score), error, shifts)
 
 
-def _score_that_holds(
-    log_excess: Callable[[float], float], first: float, step: float, farthest: float
-) -> float:
-    """Step out from the first score until curves stay inside; they do at the farthest."""
-    for _ in range(_MOST_STEPS):
-        score = min(first + step, farthest)
-        if log_excess(score) <= 0.0:
-            return score
-        step *= _LONGER
-    return farthest
-
-
-def _batch_changes(magnitude: Magnitude, score: float, binding: Flags) -> Array:
+def _batch_changes(magnitude: Magnitude, score: float) -> Array:
     """Return by how much each batch of draws changes the probability that a curve leaves, (B,).
 
     A batch has its own limits at a score, and its own table. Those limits lie `batch_shifts`
-    farther out along the curve of limits over the score, so that they need not be solved for. That
-    curve goes through the scores solved so far, of which the search has left two or more. Limits
-    that do not bind end no gap, and a small move of them changes nothing: they are left out.
+    farther out along the curve of limits over the score, so that they need not be solved for. The
+    curve bends: it goes through the scores that the search solved for, and two near by.
     """
-    shifts = magnitude.batch_shifts(score)
-    shifts = np.moveaxis(shifts, -1, 0)
-    moved = magnitude.log_limits_between(score + shifts)
-    of_all_draws = magnitude.log_limits(score)
-    log_limits = np.concatenate([of_all_draws[None], moved])
+    for near in (score - _NEAR, min(score + _NEAR, magnitude.farthest_score)):
+        magnitude.log_limits(near)
+    moved = magnitude.log_limits_between(score + np.moveaxis(magnitude.batch_shifts(score), -1, 0))
+    log_limits = np.concatenate([magnitude.log_limits(score)[None], moved])
     of_k, _ = magnitude.law.by_batch
-    tables = np.moveaxis(of_k, -1, 0)
-    leaving = _curves_leaving(magnitude, log_limits, tables, binding)
-    of_all, of_batches = np.split(leaving.probability, [1])
-    return np.asarray(of_batches - of_all)
+    leaving = _leaving(magnitude, log_limits, np.moveaxis(of_k, -1, 0))
+    return leaving[1:] - leaving[0]
 
 
-def _curves_leaving(
-    magnitude: Magnitude, log_limits: Array, tables: Array, chosen: Flags | slice = slice(None)
-) -> _Leaving:
-    """Return the curves that leave log limits (C, 2, M) at some of the chosen frequencies.
+def _leaving(magnitude: Magnitude, log_limits: Array, tables: Array) -> Array:
+    """Return the probability (C,) that a curve leaves log limits (C, 2, M) at some frequency.
 
     The C tables (C, N, inner) hold the probability of k up to a place, on N lines of one b each.
     """
-    k = magnitude.balls.k.at(chosen)
-    b = magnitude.balls.b.at(chosen)
+    k = magnitude.balls.k
     lines = np.linspace(0.0, 1.0, tables.shape[1])
-    b_term = b.of_place(lines[:, None])
-    b_squared = b_term**2
+    b_squared = magnitude.balls.b.of_place(lines[:, None]) ** 2
 
-    def covered(log_radius: Array) -> _Intervals:
+    def covered(log_radius: Array) -> tuple[Array, Array]:
+        """Return where the balls' intervals start and end on the lines, as F(k, b), (C, N, M)."""
         radius_squared = np.exp(2.0 * log_radius[:, None])
         # A ball that does not reach the line leaves it an interval without width.
-        difference = radius_squared - b_squared
-        leg = np.sqrt(np.maximum(difference, 0.0))
+        leg = np.sqrt(np.maximum(radius_squared - b_squared, 0.0))
         start = _probability_up_to(tables, k.place(-leg))
-        end = _probability_up_to(tables, k.place(leg))
-        return _Intervals(start, end)
+        return start, _probability_up_to(tables, k.place(leg))
 
-    holes = covered(log_limits[:, 0, chosen])
-    outer = covered(log_limits[:, 1, chosen])
-    gaps = _gaps(outer, holes)
-    on_line = gaps.size.sum(axis=-1)
-    spacing = lines[1] - lines[0]
-    staying = np.trapezoid(on_line, dx=spacing, axis=-1)
-    return _Leaving(1.0 - staying, _binding(outer, gaps))
-
-
-def _gaps(outer: _Intervals, holes: _Intervals) -> _Gaps:
-    """Return the gaps between holes, within the common part of the outer intervals."""
-    low = outer.start.max(axis=-1, keepdims=True)
-    high = outer.end.min(axis=-1, keepdims=True)
-    order = holes.start.argsort(axis=-1)
-    hole_start = np.take_along_axis(holes.start, order, -1)
-    hole_end = np.take_along_axis(holes.end, order, -1)
+    outer_start, outer_end = covered(log_limits[:, 1])
+    low = outer_start.max(axis=-1, keepdims=True)
+    high = outer_end.min(axis=-1, keepdims=True)
+    hole_start, hole_end = covered(log_limits[:, 0])
+    order = hole_start.argsort(axis=-1)
+    hole_start = np.take_along_axis(hole_start, order, -1)
+    hole_end = np.take_along_axis(hole_end, order, -1)
     # Holes overlap: a gap starts where the farthest end of all holes so far lies.
     farthest_end = np.maximum.accumulate(hole_end, axis=-1)
     starts = np.concatenate([low, farthest_end], axis=-1)
     ends = np.concatenate([hole_start, high], axis=-1)
-    starts = np.maximum(starts, low)
-    ends = np.minimum(ends, high)
-    farthest = _index_of_running_maximum(hole_end, farthest_end)
-    return _Gaps(
-        size=np.maximum(ends - starts, 0.0),
-        closing=order,
-        # The hole that reaches farthest ends where the gap begins.
-        opening=np.take_along_axis(order, farthest, -1),
-    )
-
-
-def _index_of_running_maximum(values: Array, running_maximum: Array) -> Indices:
-    """Return where along the last axis each running maximum was met; of equals, the last place."""
-    position = np.arange(values.shape[-1])
-    met = np.where(values == running_maximum, position, 0)
-    return np.maximum.accumulate(met, axis=-1)
-
-
-def _binding(outer: _Intervals, gaps: _Gaps) -> Flags:
-    """Return the frequencies (M,) whose limits end a gap on some line."""
-    frequencies = gaps.closing.shape[-1]
-    binding = np.zeros(frequencies, dtype=bool)
-    binding[outer.start.argmax(axis=-1)] = True
-    binding[outer.end.argmin(axis=-1)] = True
-    is_open = gaps.size > 0.0
-    closed_by_hole = is_open[..., :-1]
-    opened_by_hole = is_open[..., 1:]
-    binding[gaps.closing[closed_by_hole]] = True
-    binding[gaps.opening[opened_by_hole]] = True
-    return binding
+    gaps = np.minimum(ends, high) - np.maximum(starts, low)
+    on_line = np.maximum(gaps, 0.0).sum(axis=-1)
+    staying = np.trapezoid(on_line, dx=lines[1] - lines[0], axis=-1)
+    return np.asarray(1.0 - staying)
 
 
 def _probability_up_to(tables: Array, place: Array) -> Array:

@@ -93,7 +93,8 @@ class _LawCurves:
         self.limits: dict[Shape, MagnitudeLimits] = {}
         self.refused: dict[Shape, str] = {}
         try:
-            magnitude = self._magnitude()
+            mass = float(setup.references[law.environment].mass)
+            magnitude = Magnitude(law.pair, setup.loop, omega, mass=mass)
             self.limits["pointwise"] = self._pointwise(magnitude)
             self.limits["simultaneous"] = self._simultaneous(magnitude)
         except RefusalError as error:
@@ -102,10 +103,6 @@ class _LawCurves:
                     self.refused[shape] = error.message.removesuffix(".")
         # It takes 30 MB.
         del self._devices
-
-    def _magnitude(self) -> Magnitude:
-        mass = float(self._setup.references[self._law.environment].mass)
-        return Magnitude(self._law.pair, self._setup.loop, self._omega, mass=mass)
 
     def _pointwise(self, magnitude: Magnitude) -> MagnitudeLimits:
         """Return limits at single frequencies."""
@@ -125,14 +122,10 @@ class _LawCurves:
             around = self._setup.outline(law.region, "envelope", self._omega)
             return self.limits["pointwise"].joined(MagnitudeLimits(*around))
         if self.level is None:
-            # The search for the level solves for many scores, and interpolates between them.
             self.level = simultaneous_level(magnitude, law.level)
             if self._devices is not None:
                 least = score_of(law.level) - score_of(self.level.level)
                 self.widening = max(self._devices.widening(law.level), least)
-        else:
-            # A single score that was solved before would be too few.
-            magnitude = self._magnitude()
         limits = magnitude.limits(self.level.level, self.level.shifts)
         if self._devices is None:
             return limits
