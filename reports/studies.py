@@ -42,6 +42,7 @@ class Observed:
     spread: tuple[str, ...] = ()  # Factors whose levels differ in the spread of subjects' effects
     covariate: Array | None = None  # (M,) Centred within subjects, who have slopes of their own
     own_trial_sds: bool = False
+    own_trends: bool = False  # Whether each subject has a trend over the references
 
     @property
     def subjects(self) -> int:
@@ -113,6 +114,7 @@ def model_of(study: Observed) -> LinearModel:
         terms=tuple(tuple(term.split(":")) for term in study.contrast),
         between_subjects=frozenset(study.groups),
         spread=study.spread,
+        slopes=study.own_trends,
     )
     design = design_of(cells, factors, study.priors)
     return LinearModel(statistics, design, study.priors)

@@ -149,8 +149,14 @@ def _psychophysics(results: Results) -> Section:
         _overall(results, overall, f"Over all {words.environments}, with {level} limits.")
     )
     logarithms = " SDs are of logarithms." if rows[0].family == "lognormal" else ""
-    points = f"The PSE is the average {words.user}’s setting above.{logarithms}"
-    return Section("psychophysics", "Thresholds, spreads and reliability", [points], tables)
+    sentences = [f"The PSE is the average {words.user}’s setting above.{logarithms}"]
+    is_shared = results.data.form == "trials" and not matching(rows, measure="sigma_slope")
+    if matching(rows, measure="gamma") and is_shared:
+        sentences.append(
+            f"All {words.subjects} share the slope γ. Where theirs differ, its limits are too"
+            " narrow: [model] subjects_slope = true gives each one of their own."
+        )
+    return Section("psychophysics", "Thresholds, spreads and reliability", sentences, tables)
 
 
 def _measured(results: Results, rows: Sequence[PsychophysicsRow], caption: str, by: str) -> Table:

@@ -45,7 +45,7 @@ class Prediction(NotebookRecord):
     #: As `percept.Study.intervals`, and `monte_carlo`, the error of the limits over the half-width.
     intervals: pd.DataFrame
     boundaries: tuple[Boundary, ...]  #: Of abs(Z_h); empty without a device
-    skipped: tuple[Skipped, ...] = ()  #: Curves that are not drawn, and why
+    skipped: tuple[Skipped, ...] = ()  #: What it lacks, such as curves, and why
     quantities: Quantities = dataclasses.field(default_factory=lambda: IMPEDANCE, repr=False)
 
     @property
@@ -123,7 +123,10 @@ def predict(
             rows.append(row)
             errors.append(error)
     boundaries: tuple[Boundary, ...] = ()
-    skipped: tuple[Skipped, ...] = ()
+    skipped: list[Skipped] = []
+    if data.sessions.form == "trials" and not study.scene.model.subjects_slope:
+        why = "limits are too narrow where they differ; [model] subjects_slope = true has them"
+        skipped.append(Skipped("subjects' own trends over the reference", why))
     if study.setup is not None and data.is_impedance:
         laws: list[Law] = []
         if data.sessions.form == "trials":
@@ -137,7 +140,7 @@ def predict(
         tolerance = data.asked.tolerance
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, tolerance)
         boundaries = drawing.at(None, names, data.asked.kinds)
-        skipped = tuple(drawing.skipped)
+        skipped += drawing.skipped
     return Prediction(
         environment=new_name(""),
         decades=dict(zip(data.parameters, decades.tolist(), strict=True)),
@@ -146,7 +149,7 @@ def predict(
         distance=float(distances.min()),
         intervals=pd.DataFrame(rows).assign(monte_carlo=errors),
         boundaries=boundaries,
-        skipped=skipped,
+        skipped=tuple(skipped),
         quantities=data.quantities,
     )
 

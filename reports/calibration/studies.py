@@ -41,6 +41,7 @@ class Kind:
     missing: int = 0  # Cells of subjects that have no trials
     covariate: bool = False  # Whether bias follows a covariate of the trials
     own_trial_sds: bool = False
+    own_trends: bool = False
     spread: tuple[str, ...] = ()  # Factors whose levels differ in the spread of subjects' effects
     parameters: tuple[str, ...] = ("k", "b")
     priors: Priors = NARROW
@@ -74,6 +75,7 @@ KINDS = {
         trials=(4, 4), factors=("hand",), own_trial_sds=True, parameters=_ONE
     ),
     "subjects' own trial SDs, no factor": Kind(trials=(6, 6), own_trial_sds=True, parameters=_ONE),
+    "subjects' own trends": Kind(10, 5, own_trends=True, priors=Priors()),
 }
 
 
@@ -193,6 +195,7 @@ def draw_study(kind: Kind, rng: np.random.Generator) -> Drawn:
         groups,
         kind.spread,
         own_trial_sds=kind.own_trial_sds,
+        own_trends=kind.own_trends,
     )
     prior = _Prior(kind, x, rng)
     beta = prior.locations(environment, contrast)
@@ -204,7 +207,8 @@ def draw_study(kind: Kind, rng: np.random.Generator) -> Drawn:
         stretch = stretch + eta[:, None] * contrast[factor]
     # The last of these people is the user nobody has seen.
     people = kind.subjects + 1
-    shared = prior.subject_effects(people, observed.own) * np.exp(stretch)
+    of_subjects = observed.own | ({"trend": x} if kind.own_trends else {})
+    shared = prior.subject_effects(people, of_subjects) * np.exp(stretch)
     own = prior.normals(prior.correlation("rho_w"), people * len(environment))
     own = own.reshape(people, len(environment), prior.size).swapaxes(1, 2)
     means = beta + shared + np.exp(log_sigma) * own  # (N + 1, P, C)
