@@ -94,9 +94,7 @@ coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hour
 	@$(BIN)/python -m reports equivalence --out reports/equivalence
 
 calibrate: $(STAMP)  ## simulation-based calibration, 300 fits of each design (hours); it resumes
-	@for part in sbc factors; do \
-	    $(BIN)/python -m reports $$part --workers $(JOBS) --out reports/calibration || exit 1; \
-	done
+	@$(BIN)/python -m reports sbc --workers $(JOBS) --out reports/calibration
 
 notebooks: $(STAMP)  ## run the notebooks of docs and keep what they show
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'

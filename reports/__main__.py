@@ -26,7 +26,6 @@ PAGES = {
     "samplers": "reports.benchmark.samplers:page",
     "reference": "reports.benchmark.reference:page",
     "sbc": "reports.calibration.fits:page",
-    "factors": "reports.calibration.fits:page_of_factors",
     "verdicts": "reports.coverage.rates:page",
     "equivalence": "reports.equivalence.rates:page",
     "loop": "reports.evidence.loop:page",

@@ -137,9 +137,9 @@ def location_rows(study: Observed) -> dict[str, Array]:
 
 
 def page(
-    out: Path, *, fits: int = 300, kinds: tuple[str, ...] = tuple(KINDS)[:8], workers: int = 1
+    out: Path, *, fits: int = 300, kinds: tuple[str, ...] = tuple(KINDS), workers: int = 1
 ) -> Page:
-    """Calibrate fits of plain studies.
+    """Calibrate fits of studies of many kinds.
 
     Parameters
     ----------
@@ -151,23 +151,6 @@ def page(
         Which kinds.
     workers : int
         Processes.
-
-    Returns
-    -------
-    Page
-    """
-    return written([_calibrated(Plan(kind=kind), fits, out, workers) for kind in kinds])
-
-
-def page_of_factors(
-    out: Path, *, fits: int = 300, kinds: tuple[str, ...] = tuple(KINDS)[8:], workers: int = 1
-) -> Page:
-    """Calibrate fits of studies with factors, covariates or subjects' own trial SDs.
-
-    Parameters
-    ----------
-    out, fits, kinds, workers
-        As those of `page`.
 
     Returns
     -------
