@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from percept.errors import RefusalError
 from percept.inference.model.limits import limits_of
 from percept.inference.record import Kind
 from percept.results import IntervalRow, Ladder, LadderEffect
-from percept.scene import InferenceTable, Scene
+from percept.scene import Scene
 from percept.study.data import Data
 from percept.study.fit import Fit, fitted
 from percept.study.prepare import modelled_together, prepare
@@ -65,46 +64,48 @@ class _Interval(NamedTuple):
     centre_error: float = 0.0
 
 
-_Cell = tuple[str, str, Kind]  # Environment, parameter and kind
+#: By environment, parameter and kind.
+_Intervals = dict[tuple[str, str, Kind], _Interval]
 
 
 def climb(data: Data, rows: Sequence[IntervalRow], fit: Fit, **how: Any) -> Ladder:
     """Fit what lies between the classical method and a study's fit; `how`: progress and store."""
     steps = _steps(data, fit)
     notes: list[str] = []
-    chain: dict[str, dict[_Cell, _Interval]] = {"classical": {}}
+    chain: dict[str, _Intervals] = {"classical": {}}
     for row in rows:
         if (row.method, row.family, row.joint) == ("classical", "normal", "marginal"):
-            centre = 0.5 * (row.lower + row.upper)
-            interval = _Interval(row.upper - row.lower, centre)
+            interval = _Interval(row.upper - row.lower, 0.5 * (row.lower + row.upper))
             chain["classical"][row.environment, row.parameter, row.kind] = interval
     for cause in steps[:-1]:
         chain[cause] = {}
+        apart = "correlation" in steps and cause != "correlation"
         for part in _parts(data, cause, by_mean="trials" in steps):
-            together = cause == "correlation" or "correlation" not in steps
-            one = _fitted(part, together=together, **how)
+            one = _fitted(part, apart=apart, **how)
             if isinstance(one, str):
                 names = ", ".join(part.environments)
                 notes.append(f"{names}: the step of the {cause} is missing: {one}")
             else:
-                chain[cause] |= _measured(one, part.asked)
-    chain[steps[-1]] = _measured(fit, data.asked)
+                chain[cause] |= _measured(one)
+    chain[steps[-1]] = _measured(fit)
     effects = tuple(_effects(chain))
     kinds = {data.asked.kinds[0]}
     if "trials" in chain:
         kinds.add("user")  # The mean's interval holds trial noise by both methods
-    told = []
-    for (_, _, kind), of_cell in itertools.groupby(effects, _cell):
-        if kind in kinds:
-            told.append(sentence(list(of_cell), data))
-    return Ladder(effects, tuple(told), tuple(notes))
+    sentences = []
+    # The whole comes first, then every step.
+    for first in range(0, len(effects), len(chain)):
+        of_cell = effects[first : first + len(chain)]
+        if of_cell[0].kind in kinds:
+            sentences.append(sentence(of_cell, data))
+    return Ladder(effects, tuple(sentences), tuple(notes))
 
 
-def _fitted(part: Data, *, together: bool, **how: Any) -> Fit | str:
+def _fitted(part: Data, *, apart: bool, **how: Any) -> Fit | str:
     """Fit the model of a step, quantities together or apart; or say why there is none."""
     try:
         # Contrasts are not on the ladder.
-        fit = fitted(prepare(part, apart=not together), contrasts=False, **how)
+        fit = fitted(prepare(part, apart=apart), contrasts=False, **how)
     except RefusalError as error:
         return error.message
     return " ".join(fit.run.gate.reasons) or fit
@@ -130,17 +131,22 @@ def _parts(data: Data, cause: str, *, by_mean: bool) -> Iterator[Data]:
     """Yield what is modelled by itself at a step: environments, or the whole study."""
     tolerance = max(_TOLERANCE, data.asked.tolerance)
     scene = data.scene.with_inference(family="normal", tolerance=tolerance)
-    tables = [data.sessions.table]
+    table = data.sessions.table
+    tables = [table]
     if cause == "prior" and by_mean:
-        tables = [_subject_means(data)]
+        # Classical data: each subject's mean over trials.
+        cell = ["environment", "subject"]
+        columns = [f"{parameter}_adj" for parameter in data.parameters]
+        means = table.groupby(cell, sort=False)[columns].transform("mean")
+        table = table.assign(**means).drop_duplicates(cell)
     if cause in ("prior", "trials"):
         # One environment has no levels to compare.
         scene = _without(scene, "bias", "spread", "subjects_slope", "factor")
-        tables = [rows for _, rows in tables[0].groupby("environment", sort=False)]
+        tables = [rows for _, rows in table.groupby("environment", sort=False)]
     if cause == "pooling":
         scene = _without(scene, subjects_trial_sd=False)
-    for table in tables:
-        yield Data(dataclasses.replace(data.sessions, table=table), scene)
+    for rows in tables:
+        yield Data(dataclasses.replace(data.sessions, table=rows), scene)
 
 
 def _without(scene: Scene, *left_out: str, **changed: object) -> Scene:
@@ -150,22 +156,13 @@ def _without(scene: Scene, *left_out: str, **changed: object) -> Scene:
     return scene.with_tables(model=model, study=study)
 
 
-def _subject_means(data: Data) -> pd.DataFrame:
-    """Keep one row per subject and environment, with the mean over trials: classical data."""
-    cell = ["environment", "subject"]
-    table = data.sessions.table
-    columns = [f"{parameter}_adj" for parameter in data.parameters]
-    means = table.groupby(cell, sort=False)[columns].transform("mean")
-    return table.assign(**means).drop_duplicates(cell)
-
-
-def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
+def _measured(fit: Fit) -> _Intervals:
     """Limits of a fit, with the errors that those of both limits leave to width and midpoint."""
-    found = {}
-    names = fit.run.estimates.names
-    for kind in asked.kinds:
+    found: _Intervals = {}
+    for kind in fit.data.asked.kinds:
         limits = np.stack(fit.limits[kind])
-        errors = np.stack(limits_of(names, fit.run.errors, kind, fit.model.cells)) * fit.scale.unit
+        ends = limits_of(fit.run.estimates.names, fit.run.errors, kind, fit.model.cells)
+        errors = np.stack(ends) * fit.scale.unit
         if fit.scale.log:
             errors = errors * limits
         error = np.hypot(*errors)
@@ -176,31 +173,27 @@ def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
     return found
 
 
-def _effects(chain: Mapping[str, Mapping[_Cell, _Interval]]) -> Iterator[LadderEffect]:
+def _effects(chain: Mapping[str, _Intervals]) -> Iterator[LadderEffect]:
     """Yield what each step does to each interval that all steps have, the whole first."""
-    classical, *steps = chain
-    for cell, start in chain[classical].items():
-        if any(cell not in chain[step] for step in steps):
+    causes = ["all", *list(chain)[1:]]
+    for cell in chain["classical"]:
+        intervals = [step[cell] for step in chain.values() if cell in step]
+        if len(intervals) < len(chain):
             continue
-        intervals = [chain[step][cell] for step in chain]
-        neighbours = [(start, intervals[-1]), *itertools.pairwise(intervals)]
-        half = 0.5 * start.width
+        neighbours = [(intervals[0], intervals[-1]), *itertools.pairwise(intervals)]
+        half = 0.5 * intervals[0].width
         environment, parameter, kind = cell
-        for cause, (one, other) in zip(["all", *steps], neighbours, strict=True):
+        for cause, (before, after) in zip(causes, neighbours, strict=True):
             yield LadderEffect(
                 environment=environment,
                 parameter=parameter,
                 kind=kind,
                 cause=cause,
-                log_width=math.log(other.width / one.width),
-                log_width_error=math.hypot(one.width_error, other.width_error),
-                centre=(other.centre - one.centre) / half,
-                centre_error=math.hypot(one.centre_error, other.centre_error) / half,
+                log_width=math.log(after.width / before.width),
+                log_width_error=math.hypot(before.width_error, after.width_error),
+                centre=(after.centre - before.centre) / half,
+                centre_error=math.hypot(before.centre_error, after.centre_error) / half,
             )
-
-
-def _cell(effect: LadderEffect) -> _Cell:
-    return effect.environment, effect.parameter, effect.kind
 
 
 def sentence(effects: Sequence[LadderEffect], data: Data) -> str:
