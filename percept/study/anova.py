@@ -19,7 +19,8 @@ from percept.inference.classical.anova import Effect, anova
 from percept.results import AnovaRow, LevelValues, Skipped
 from percept.sessions.records import Factors
 from percept.study.basics import Array, known
-from percept.study.conditions import Conditions, level_means
+from percept.study.comparisons import Comparison, level_means
+from percept.study.conditions import Conditions
 from percept.study.data import Data
 from percept.study.responses import Trials
 from percept.study.subject_cells import SubjectCells
@@ -37,9 +38,9 @@ def level_values(data: Data) -> Iterator[LevelValues]:
     factors = data.sessions.factors
     if factors is None or not data.scene.terms:
         return
-    cells_of_all = list(factors.cells.values())
-    overall = list(level_means(data.conditions, factors, cells_of_all))
-    each = list(level_means(data.conditions, factors, cells_of_all, each=True))
+    means = list(level_means(data.conditions, factors, list(factors.cells.values())))
+    compared: list[tuple[Comparison, str | None]] = [(overall, None) for *_, overall in means]
+    compared += [(own, own.environment) for *each, _ in means for own in each]
     for parameter in data.parameters:
         try:
             cells = data.subject_cells(parameter)
@@ -50,14 +51,14 @@ def level_values(data: Data) -> Iterator[LevelValues]:
         scale = 1.0
         if data.by_difference(parameter):
             scale = data.scene.model.scale.get(parameter, 1.0)
-        for comparison in [*overall, *each]:
+        for comparison, environment in compared:
             responses = cells.at_level(comparison)
             settings = np.exp(responses) if log else scale * responses
             yield LevelValues(
                 factor=comparison.factor,
                 level=comparison.second,
                 parameter=parameter,
-                environment=comparison.environment if comparison in each else None,
+                environment=environment,
                 within=comparison.within,
                 values=tuple(known(value) for value in settings.tolist()),
             )

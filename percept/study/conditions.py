@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError, counted
-from percept.results import Skipped
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE, Term, terms_of
@@ -20,8 +19,6 @@ from percept.study.trial_references import at_typical_references
 
 #: A cell: its environment, and its level under each factor.
 CellKey = tuple[str, tuple[str, ...]]
-#: Signs of a contrast, by the levels of its factors.
-Signs = dict[tuple[str, ...], float]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,43 +41,6 @@ class Conditions:
         """Return some of the factors with the terms that hold no others."""
         terms = tuple(term for term in self.terms if set(term) <= set(factors))
         return dataclasses.replace(self, factors=tuple(factors), terms=terms)
-
-
-@dataclasses.dataclass(frozen=True)
-class Comparison:
-    """A contrast of cells: two levels of a factor, or how such a contrast differs.
-
-    Without weights it is the slope of a covariate; with positive ones alone, the mean of a level.
-    """
-
-    factor: str  # Its column; of an interaction all columns, joined by ":"
-    first: str
-    second: str
-    environment: str | None  # None over all references
-    references: tuple[str, ...]  # Environments it rests on
-    weights: Mapping[CellKey, float]  # Of the cells' locations
-    within: bool  # Whether each subject has all levels; of a slope, whether each has one
-    interaction: bool = False
-    groups: tuple[str, str] = ("", "")  # Levels of a factor between subjects that it compares
-    unit: float = 1.0  # SD of a covariate: its slope is told for one of its units
-
-    @property
-    def of_users(self) -> bool:
-        """Whether each user has it too."""
-        return bool(self.weights) and (self.within or self.of == "level")
-
-    @property
-    def of(self) -> str:
-        """What it is: a contrast of bias, an interaction, the mean of a level, or a slope."""
-        if self.interaction:
-            return "interaction"
-        if not self.weights:
-            return "slope"
-        return "level" if min(self.weights.values()) > 0.0 else "bias"
-
-    def row(self, cells: Sequence[CellKey]) -> Array:
-        """Weights of all cells (C,)."""
-        return np.array([self.weights.get(cell, 0.0) for cell in cells])
 
 
 def told_apart(sessions: Sessions, scene: Scene) -> Sessions:
@@ -187,7 +147,8 @@ def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:
         spread=_named(scene.model.spread, "spread", factors, by_default=factors),
         precision=_named(scene.model.precision, "precision", factors),
     )
-    _refuse_aliases(sessions, found)
+    if columns:
+        _refuse_aliases(sessions, found)
     return found
 
 
@@ -251,144 +212,3 @@ def covariate_values(table: pd.DataFrame, names: Sequence[str]) -> Array:
     values = table[list(names)].apply(pd.to_numeric).to_numpy(dtype=float)
     centred = values - values.mean(axis=0)
     return np.asarray(centred / values.std(axis=0))
-
-
-def comparisons(
-    conditions: Conditions, factors: Factors, cells: Sequence[CellKey]
-) -> Iterator[Comparison]:
-    """Yield every pair of levels and every interaction of factors, by reference and over all.
-
-    Parameters
-    ----------
-    conditions : Conditions
-        The model's columns.
-    factors : Factors
-        Levels of each column.
-    cells : sequence of (str, tuple of str)
-        Environment and levels of the cells that have data.
-    """
-    for term, outline, signs in _outlines(conditions, factors):
-        yield from _by_reference(term, outline, signs, factors, cells)
-
-
-def without_data(
-    conditions: Conditions,
-    factors: Factors,
-    cells: Sequence[CellKey],
-    label: str,
-    lacking: str = "data",
-) -> Iterator[Skipped]:
-    """Yield the contrasts that `comparisons` cannot make: of a label, and what cells lack."""
-    for term, outline, signs in _outlines(conditions, factors):
-        made = _by_reference(term, outline, signs, factors, cells)
-        found = {comparison.environment for comparison in made}
-        missing = [name for name in factors.environments if name not in found]
-        if not missing:
-            continue
-        what = f"contrast of {label}, {outline.second} against {outline.first}"
-        levels = "all its levels" if outline.interaction else "both levels"
-        if found:
-            yield Skipped(f"{what}, in {', '.join(missing)}", f"there are no {lacking} at {levels}")
-        else:
-            yield Skipped(what, f"no reference has {lacking} at {levels}")
-
-
-def _outlines(conditions: Conditions, factors: Factors) -> Iterator[tuple[Term, Comparison, Signs]]:
-    """Yield every pair of levels and every interaction, without references or weights."""
-    pairs_of_levels: list[Term] = [(factor,) for factor in conditions.factors]
-    interactions = [term for term in conditions.terms if len(term) > 1]
-    for term in pairs_of_levels + interactions:
-        between = [factor for factor in term if factor in conditions.between]
-        of_factors = [itertools.combinations(factors.levels[factor], 2) for factor in term]
-        for pairs in itertools.product(*of_factors):
-            outline = Comparison(
-                ":".join(term),
-                ", ".join(pair[0] for pair in pairs),
-                ", ".join(pair[1] for pair in pairs),
-                None,
-                (),
-                {},
-                within=not between,
-                interaction=len(term) > 1,
-                groups=pairs[term.index(between[0])] if between else ("", ""),
-            )
-            yield term, outline, _signs(pairs)
-
-
-def _signs(pairs: Sequence[tuple[str, str]]) -> Signs:
-    """Signs of a difference of differences: that of both second levels is positive."""
-    signs: Signs = {}
-    for corner in itertools.product(*pairs):
-        sign = 1.0
-        for level, (first, _) in zip(corner, pairs, strict=True):
-            if level == first:
-                sign = -sign
-        signs[corner] = sign
-    return signs
-
-
-def level_means(
-    conditions: Conditions, factors: Factors, cells: Sequence[CellKey], *, each: bool = False
-) -> Iterator[Comparison]:
-    """Yield the mean of every level over all references, which is compared with these.
-
-    `each` yields the means at every reference instead, if several have the level.
-    """
-    for factor in conditions.factors:
-        within = factor not in conditions.between
-        for level in factors.levels[factor]:
-            outline = Comparison(factor, "the reference", level, None, (), {}, within)
-            signs: Signs = {(level,): 1.0}
-            means = list(_by_reference((factor,), outline, signs, factors, cells))
-            # Of several references the last is their average.
-            yield from means[:-1] if each else means[-1:]
-
-
-def _by_reference(
-    term: Term,
-    outline: Comparison,
-    signs: Signs,
-    factors: Factors,
-    cells: Sequence[CellKey],
-) -> Iterator[Comparison]:
-    """Yield a contrast at each reference that has all its levels, and their average."""
-    places = [list(factors.levels).index(factor) for factor in term]
-    each: dict[str, dict[CellKey, float]] = {}
-    for environment in factors.environments:
-        weights = _weights(environment, places, signs, cells)
-        if weights:
-            each[environment] = weights
-    for environment, weights in each.items():
-        yield dataclasses.replace(
-            outline, environment=environment, references=(environment,), weights=weights
-        )
-    if len(each) < 2:
-        return
-    overall: dict[CellKey, float] = {}
-    for weights in each.values():
-        for cell, weight in weights.items():
-            overall[cell] = weight / len(each)
-    yield dataclasses.replace(outline, references=tuple(each), weights=overall)
-
-
-def _weights(
-    environment: str,
-    places: Sequence[int],
-    signs: Signs,
-    cells: Sequence[CellKey],
-) -> dict[CellKey, float]:
-    """Weights of a reference's cells: averages over the levels of all other factors."""
-    by_others: dict[tuple[str, ...], dict[CellKey, float]] = {}
-    for cell in cells:
-        name, levels = cell
-        own = tuple(levels[place] for place in places)
-        if name != environment or own not in signs:
-            continue
-        others = tuple(level for place, level in enumerate(levels) if place not in places)
-        by_others.setdefault(others, {})[cell] = signs[own]
-    whole = [weights for weights in by_others.values() if len(weights) == len(signs)]
-    joined: dict[CellKey, float] = {}
-    for weights in whole:
-        for cell, sign in weights.items():
-            joined[cell] = sign / len(whole)
-    return joined

@@ -11,7 +11,7 @@ import numpy as np
 from percept.errors import UsageError
 from percept.inference.record import FloatOrArray, Kind, Method
 from percept.results import ContrastRow
-from percept.study.conditions import Comparison
+from percept.study.comparisons import Comparison
 from percept.study.data import Data
 
 

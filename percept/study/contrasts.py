@@ -21,22 +21,11 @@ from percept.inference.classical.moments import Moments
 from percept.results import ContrastRow, Skipped
 from percept.sessions.records import Factors
 from percept.study.basics import claim_of
-from percept.study.conditions import (
-    CellKey,
-    Comparison,
-    Conditions,
-    comparisons,
-    level_means,
-    without_data,
-)
+from percept.study.comparisons import Comparison, averaged, comparisons, level_means
+from percept.study.conditions import Conditions
 from percept.study.contrast_table import ContrastTable
 from percept.study.data import Data
-from percept.study.subject_cells import (
-    SubjectCells,
-    log_trial_sds,
-    repeated_cells,
-    subject_cells,
-)
+from percept.study.subject_cells import SubjectCells, log_trial_sds, subject_cells
 
 # The classical contrasts do without the model.
 if TYPE_CHECKING:
@@ -60,15 +49,6 @@ def contrast_rows(data: Data, fit: Fit | None) -> _Rows:
         # The classical method does without the model.
         from percept.study.posterior_contrasts import posterior_contrasts
 
-        if factors is not None and fit.contrasts is not None:
-            cells = [factors.cells[name] for name in fit.environments]
-            for parameter, table in tables.items():
-                yield from without_data(data.conditions, factors, cells, table.label)
-                repeated = repeated_cells(data.trials(parameter), factors)
-                precision = table.of_trials
-                yield from without_data(
-                    data.conditions.precise, factors, repeated, precision.label, precision.lacking
-                )
         yield from posterior_contrasts(fit, tables)
 
 
@@ -82,7 +62,7 @@ def _classical(table: ContrastTable, factors: Factors) -> _Rows:
         yield Skipped(f"contrasts of {table.label}", str(refused))
         return
     yield from _within_subjects(own, conditions, factors, table)
-    for level in level_means(conditions, factors, list(factors.cells.values())):
+    for *_, level in level_means(conditions, factors, list(factors.cells.values())):
         yield from _paired(own, own.own(level), np.isfinite(own.at_level(level)), table)
     yield from _between_subjects(own, conditions, factors, table)
     if conditions.precision:
@@ -118,10 +98,11 @@ def _within_subjects(
     names = list(factors.levels)
     levels = {names[place]: factors.levels[names[place]] for place in own.within}
     factors_within = Factors(levels, {str(cell): cell for cell in cells})
-    yield from without_data(of_subjects, factors_within, cells, table.label, table.lacking)
-    found = comparisons(of_subjects, factors_within, cells)
-    for _, family in itertools.groupby(found, lambda one: (one.factor, one.first, one.second)):
-        yield from _of_subjects(own, list(family), table)
+    for family in comparisons(of_subjects, factors_within, cells, table.label, table.lacking):
+        if isinstance(family, Skipped):
+            yield family
+        else:
+            yield from _of_subjects(own, family, table)
 
 
 def _between_subjects(
@@ -136,14 +117,17 @@ def _between_subjects(
     terms = tuple(term for term in conditions.terms if set(term) & conditions.between)
     groups = dataclasses.replace(conditions, factors=columns, terms=terms)
     cells = list(factors.cells.values())
-    yield from without_data(groups, factors, cells, table.label, table.lacking)
-    for comparison in comparisons(groups, factors, cells):
-        yield from _of_groups(own, factors, comparison, table)
+    for family in comparisons(groups, factors, cells, table.label, table.lacking):
+        if isinstance(family, Skipped):
+            yield family
+            continue
+        for comparison in family:
+            yield from _of_groups(own, factors, comparison, table)
 
 
 def _of_subjects(cells: SubjectCells, family: Sequence[Comparison], table: ContrastTable) -> _Rows:
     """Yield paired intervals and ratios of SDs, of each reference and of subjects' averages."""
-    label = f"{table.label}, {family[0].second} against {family[0].first}"
+    label = f"{table.label}, {family[0].versus}"
     each = [comparison for comparison in family if comparison.environment is not None]
     complete = np.array([np.isfinite(cells.weighed(one.weights)) for one in each])
     paired = np.any(complete, axis=0)
@@ -165,14 +149,7 @@ def _of_subjects(cells: SubjectCells, family: Sequence[Comparison], table: Contr
     if left:
         what = f"{', '.join(left)} in the overall contrast of {label}"
         yield Skipped(what, "some subjects lack a level there")
-    weights: dict[CellKey, float] = {}
-    for comparison in of_all:
-        for cell, weight in comparison.weights.items():
-            weights[cell] = weight / len(shared)
-    overall = dataclasses.replace(
-        each[0], environment=None, references=tuple(shared), weights=weights
-    )
-    yield from _paired(cells, overall, paired, table)
+    yield from _paired(cells, averaged(of_all), paired, table)
 
 
 def _paired(
@@ -180,7 +157,7 @@ def _paired(
 ) -> _Rows:
     """Yield the rows of subjects who have every cell of a contrast."""
     asked = table.data.asked
-    what = f"contrast of {table.label}, {comparison.second} against {comparison.first}"
+    what = f"contrast of {table.label}, {comparison.versus}"
     if comparison.of != "level":
         what += f", in {comparison.environment}" if comparison.environment else ", overall"
     n = int(subjects.sum())
@@ -220,7 +197,7 @@ def _of_groups(
     weighed = cells.weighed(cells.own(part).weights)
     samples = [weighed[np.isfinite(weighed) & (levels == level)] for level in (first, second)]
     where = comparison.environment or "overall"
-    what = f"contrast of {table.label}, {comparison.second} against {comparison.first}, {where}"
+    what = f"contrast of {table.label}, {comparison.versus}, {where}"
     if min(len(sample) for sample in samples) < 2:
         yield Skipped(what, "a group has fewer than two subjects with all cells")
         return
@@ -233,7 +210,7 @@ def _of_groups(
     found = group_contrast(*moments, level=level)
     ends = [found.lower, found.upper, found.estimate]
     yield table.row(comparison, ends, n, "classical", "mean", p_value=found.p_value)
-    if not comparison.interaction and not table.is_of_trials:
+    if comparison.of == "bias" and not table.is_of_trials:
         ratio = group_spread_ratio(*moments, level=level)
         ends = [ratio.lower, ratio.upper, ratio.estimate]
         yield table.row(comparison, ends, n, "classical", p_value=ratio.p_value)

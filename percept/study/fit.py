@@ -5,19 +5,20 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.model.laws import Moments
-from percept.inference.model.limits import Limits, limits_of
+from percept.inference.model.limits import Combinations, Limits, limits_of
 from percept.inference.model.model import Model
+from percept.inference.record import Kind
 from percept.inference.sampling.gate import Progress, Run, Settings
 from percept.results import IntervalRow, Skipped
-from percept.scene import InferenceTable
 from percept.study.basics import Array, claim_of
 from percept.study.intervals import bayesian_row
+from percept.study.linear import rows_of
 from percept.study.prepare import Prepared
 
 
@@ -113,11 +114,6 @@ class RunStore(Protocol):
         """Keep the run of what is asked."""
 
 
-def estimands_of(model: Model, asked: InferenceTable) -> Limits:
-    """Limits of the intervals that the scene asks for."""
-    return Limits(model, kinds=asked.kinds, **claim_of(asked))
-
-
 def simpler_models(model: Model) -> list[str]:
     """Name the settings of the scene that leave a model fewer scales to sample."""
     settings = []
@@ -131,29 +127,25 @@ def simpler_models(model: Model) -> list[str]:
     return settings
 
 
-def fitted(prepared: Prepared, *, contrasts: bool = True, **how: Any) -> Fit:
-    """Sample the cells and contrasts of a model; `how` is the sampler's progress and store."""
-    asked = prepared.data.asked
-    plan = prepared.contrasts if contrasts else None
-    run = sampled(prepared.model, asked, plan.estimands(asked) if plan else None, **how)
-    limits = {}
-    for kind in asked.kinds:
-        ends = limits_of(run.estimates.names, run.estimates.value, kind, prepared.model.cells)
-        lower, upper = prepared.scale.native(np.stack(ends))
-        limits[str(kind)] = (lower, upper)
-    return Fit(**vars(prepared), run=run, limits=limits)
-
-
-def sampled(
-    model: Model,
-    asked: InferenceTable,
-    estimands: Limits | None = None,
+def fitted(
+    prepared: Prepared,
     *,
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
-) -> Run:
-    """Sample a model until the limits meet the scene's tolerance, or find the run in the store."""
-    estimands = estimands or estimands_of(model, asked)
+) -> Fit:
+    """Sample a model until its limits meet the scene's tolerance, or find its run in the store."""
+    asked = prepared.data.asked
+    model = prepared.model
+    contrasts = prepared.contrasts or ()
+    of_users = [one for one in contrasts if one.is_of_users]
+    of_groups = [one for one in contrasts if one.is_of_groups]
+    further = []
+    kinds_of_groups: tuple[Kind, ...] = ("mean",)
+    for combined, kinds in ((of_users, asked.kinds), (of_groups, kinds_of_groups)):
+        if combined:
+            places = tuple(one.place for one in combined)
+            further.append(Combinations(places, rows_of(combined), kinds))
+    estimands = Limits(model, kinds=asked.kinds, **claim_of(asked), further=further)
     settings = Settings(
         tolerance=asked.tolerance,
         seed=asked.seed,
@@ -179,7 +171,13 @@ def sampled(
     # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
     points = np.ascontiguousarray(run.points)
     components = np.ascontiguousarray(run.components)
-    return dataclasses.replace(run, points=points, components=components)
+    limits = {}
+    for kind in asked.kinds:
+        ends = limits_of(run.estimates.names, run.estimates.value, kind, model.cells)
+        lower, upper = prepared.scale.native(np.stack(ends))
+        limits[str(kind)] = (lower, upper)
+    run = dataclasses.replace(run, points=points, components=components)
+    return Fit(**vars(prepared), run=run, limits=limits)
 
 
 def bayesian_rows(fit: Fit) -> Iterator[IntervalRow | Skipped]:

@@ -105,7 +105,8 @@ def _fitted(part: Data, *, apart: bool, **how: Any) -> Fit | str:
     """Fit the model of a step, quantities together or apart; or say why there is none."""
     try:
         # Contrasts are not on the ladder.
-        fit = fitted(prepare(part, apart=apart), contrasts=False, **how)
+        prepared = dataclasses.replace(prepare(part, apart=apart), contrasts=())
+        fit = fitted(prepared, **how)
     except RefusalError as error:
         return error.message
     return " ".join(fit.run.gate.reasons) or fit

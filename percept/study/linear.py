@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,23 +11,16 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError, UsageError
 from percept.inference.model.design import Cells, Options, design_of
 from percept.inference.model.design import Factors as CellFactors
-from percept.inference.model.limits import Combinations, Limits
 from percept.inference.model.model import LinearModel
 from percept.inference.model.priors import Priors
-from percept.inference.model.product import Product
 from percept.inference.model.statistics import Statistics
 from percept.inference.model.trials import by_subject
-from percept.scene import InferenceTable, Scene
+from percept.results import Skipped
+from percept.scene import Scene
 from percept.sessions.formula import TRIAL_REFERENCE
-from percept.study.basics import Array, claim_of
-from percept.study.conditions import (
-    CellKey,
-    Comparison,
-    Conditions,
-    comparisons,
-    covariate_values,
-    level_means,
-)
+from percept.study.basics import Array
+from percept.study.comparisons import Comparison, comparisons, level_means
+from percept.study.conditions import CellKey, covariate_values
 from percept.study.data import Data
 from percept.study.responses import Trials, resolution_of
 from percept.study.subject_cells import repeated_cells
@@ -39,115 +32,42 @@ _LOCATIONS = ("alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "covariate_sd")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Compared:
-    """A contrast of one quantity, as weights of a model's locations."""
+class Contrast:
+    """A contrast of one quantity, as weights of a model's locations or of its cells' SDs."""
 
     parameter: str
     comparison: Comparison
+    of: str  # That of the comparison; "spread" and "precision" for ratios of SDs
     row: Array  # (R,) Weights
     subjects: int  # That it rests on
 
     @property
-    def name(self) -> str:
-        """The contrast in messages of the sampler."""
-        comparison = self.comparison
-        where = comparison.environment or "overall"
-        versus = f"{comparison.second} against {comparison.first}"
-        return f"{self.parameter}, {comparison.factor}: {versus}, {where}"
+    def is_ratio(self) -> bool:
+        """Whether it is a ratio of SDs, and not a combination of locations."""
+        return self.of in ("spread", "precision")
+
+    @property
+    def is_of_users(self) -> bool:
+        """Whether each user has it too, so that it has intervals of all kinds."""
+        return self.comparison.of_users and not self.is_ratio
+
+    @property
+    def is_of_groups(self) -> bool:
+        """Whether it is of different users or a slope, with intervals of the average alone."""
+        return not (self.is_ratio or self.comparison.of_users)
 
     @property
     def place(self) -> tuple[str, str]:
         """The contrast among the names of limits."""
-        return ("contrast", self.name)
-
-    def padded(self, before: int, after: int) -> Compared:
-        """Weigh the locations of a model that has others before and after these."""
-        row = np.pad(self.row, (before, after))
-        return dataclasses.replace(self, row=row)
+        comparison = self.comparison
+        where = comparison.environment or "overall"
+        name = f"{self.parameter}, {comparison.factor}: {comparison.versus}, {where}"
+        return ("contrast", name)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class ContrastPlan:
-    """What a model of R locations estimates beside its cells."""
-
-    model: LinearModel | Product
-    users: tuple[Compared, ...]  # Contrasts that each user has too
-    groups: tuple[Compared, ...]  # Contrasts of different users, and slopes
-    spreads: tuple[Compared, ...]  # Ratios of SDs between users
-    precisions: tuple[Compared, ...]  # Ratios of SDs between trials, of cells' geometric means
-
-    def estimands(self, asked: InferenceTable) -> Limits:
-        """Limits of the cells' intervals and of all contrasts, to one tolerance."""
-        of_users = tuple(compared.place for compared in self.users)
-        of_groups = tuple(compared.place for compared in self.groups)
-        further = (
-            Combinations(of_users, self.rows(self.users), asked.kinds),
-            Combinations(of_groups, self.rows(self.groups), ("mean",)),
-        )
-        return Limits(self.model, kinds=asked.kinds, **claim_of(asked), further=further)
-
-    @property
-    def slopes(self) -> bool:
-        """Whether the model has covariates."""
-        return any(compared.comparison.of == "slope" for compared in self.groups)
-
-    def rows(self, compared: Sequence[Compared]) -> Array:
-        """Weights of contrasts, (L, R)."""
-        rows = [own.row for own in compared]
-        return np.reshape(rows, (-1, self.model.cell_rows.shape[1]))
-
-    def log_ratio(self, compared: Compared) -> Callable[[Array], Array]:
-        """Log ratio of the SDs of one of `spreads`, of coordinates (W, d)."""
-        second_row = np.maximum(compared.row, 0.0)
-        first_row = np.maximum(-compared.row, 0.0)
-        rows = np.stack([second_row, first_row])
-
-        def ratio(points: Array) -> Array:
-            second, first = self.model.user_sds(points, rows).T
-            return np.log(second / first)
-
-        return ratio
-
-    def log_precision(self, compared: Compared) -> Callable[[Array], Array]:
-        """Log ratio of the SDs of one of `precisions`, of coordinates (W, d)."""
-
-        def ratio(points: Array) -> Array:
-            log_sds = []
-            for model, own in self.model.split(points):
-                of_locations = np.zeros((len(points), model.locations))
-                scales = model.scales(own)
-                if "sigma_e" in scales:
-                    _, sd = scales["sigma_e"]
-                    of_locations[:, : len(model.cells)] = np.log(sd).reshape(len(points), -1)
-                log_sds.append(of_locations)
-            return np.hstack(log_sds) @ compared.row
-
-        return ratio
-
-
-def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
-    """Put the contrasts of models of different quantities together."""
-    model = Product([plan.model for plan in plans])
-    widths = [plan.model.cell_rows.shape[1] for plan in plans]
-    users: list[Compared] = []
-    groups: list[Compared] = []
-    spreads: list[Compared] = []
-    precisions: list[Compared] = []
-    before = 0
-    for plan, width in zip(plans, widths, strict=True):
-        after = sum(widths) - before - width
-        users += [compared.padded(before, after) for compared in plan.users]
-        groups += [compared.padded(before, after) for compared in plan.groups]
-        spreads += [compared.padded(before, after) for compared in plan.spreads]
-        precisions += [compared.padded(before, after) for compared in plan.precisions]
-        before += width
-    return ContrastPlan(
-        model=model,
-        users=tuple(users),
-        groups=tuple(groups),
-        spreads=tuple(spreads),
-        precisions=tuple(precisions),
-    )
+def rows_of(contrasts: Sequence[Contrast]) -> Array:
+    """Weights of contrasts, (L, R)."""
+    return np.array([own.row for own in contrasts])
 
 
 def priors_of(scene: Scene, parameters: Collection[str]) -> Priors:
@@ -167,7 +87,12 @@ def options_of(scene: Scene) -> Options:
     )
 
 
-def linear_study(trials: Trials, data: Data, *, own_trial_sds: bool) -> ContrastPlan:
+def linear_model(
+    trials: Trials,
+    data: Data,
+    *,
+    own_trial_sds: bool,
+) -> tuple[LinearModel, list[Contrast | Skipped]]:
     """Build the model of one or two quantities over all cells.
 
     Parameters
@@ -181,7 +106,9 @@ def linear_study(trials: Trials, data: Data, *, own_trial_sds: bool) -> Contrast
 
     Returns
     -------
-    ContrastPlan
+    LinearModel
+    list of Contrast and Skipped
+        What it compares, quantity by quantity, and what it cannot.
 
     Raises
     ------
@@ -191,43 +118,97 @@ def linear_study(trials: Trials, data: Data, *, own_trial_sds: bool) -> Contrast
         A factor with one level left, or a cell without scatter.
     """
     scene = data.scene
-    sessions = data.sessions
-    conditions = data.conditions
     if scene.terms or scene.model.subjects_slope or own_trial_sds:
         _refuse_options(scene)
     statistics, sizes = _reduced(trials, data, own_trial_sds)
-    keys = _keys(data, trials.environments)
     cells, factors = _cells(statistics, data)
     priors = priors_of(scene, statistics.parameters)
     design = design_of(cells, factors, priors, options_of(scene))
     model = LinearModel(statistics, design, priors, resolution_of(trials, scene))
-    found: list[Comparison] = []
-    precisions: list[Comparison] = []
-    if sessions.factors is not None:
-        repeated = repeated_cells(trials, sessions.factors)
-        precisions += comparisons(conditions.precise, sessions.factors, repeated)
-        found = list(comparisons(conditions, sessions.factors, keys))
-        found += level_means(conditions, sessions.factors, keys)
-    environments = tuple(dict.fromkeys(environment for environment, _ in keys))
-    slopes = []
-    for name, size in zip(conditions.covariates, sizes, strict=True):
-        step = "1 decade more" if name == TRIAL_REFERENCE else "1 more"
-        within = statistics.covariates is not None and name in statistics.covariates.within
-        slope = Comparison(name, "the same", step, None, environments, {}, within, unit=size)
-        slopes.append(slope)
-    weigh = _Weights(keys, statistics, conditions, model.locations)
-    users = [own for own in found if own.of_users]
-    groups = [own for own in found if not own.of_users]
-    # Where the spread of subjects' effects is one for all levels, a ratio would be falsely certain.
-    contrasts = [own for own in found if own.of == "bias"]
-    spreads = [own for own in contrasts if own.factor in conditions.spread]
-    return ContrastPlan(
-        model=model,
-        users=tuple(weigh.all_quantities(users)),
-        groups=tuple(weigh.all_quantities(groups + slopes)),
-        spreads=tuple(weigh.all_quantities(spreads)),
-        precisions=tuple(weigh.all_quantities(precisions)),
-    )
+    contrasts: list[Contrast | Skipped] = []
+    for p, parameter in enumerate(trials.parameters):
+        for own in _compared(data, trials, parameter):
+            if isinstance(own, Skipped):
+                contrasts.append(own)
+            else:
+                comparison, of = own
+                contrasts.append(_weighed(model, data, p, comparison, of))
+        contrasts += _slopes(model, data, p, sizes)
+    return model, contrasts
+
+
+def _compared(
+    data: Data, trials: Trials, parameter: str
+) -> Iterator[tuple[Comparison, str] | Skipped]:
+    """Yield what is compared in a quantity's cells, and of what: bias, spread or precision."""
+    factors = data.sessions.factors
+    if factors is None:
+        return
+    conditions = data.conditions
+    cells = _keys(data, trials.environments)
+    label = data.quantities[parameter].label
+    for family in comparisons(conditions, factors, cells, label):
+        if isinstance(family, Skipped):
+            yield family
+            continue
+        for own in family:
+            yield own, own.of
+            # Where the spread of subjects' effects is one for all levels, a ratio would be falsely
+            # certain.
+            if own.of == "bias" and own.factor in conditions.spread:
+                yield own, "spread"
+    for *_, mean in level_means(conditions, factors, cells):
+        yield mean, mean.of
+    repeated = repeated_cells(trials, factors)
+    precision = f"precision of {label}"
+    for family in comparisons(conditions.precise, factors, repeated, precision, "repeated trials"):
+        if isinstance(family, Skipped):
+            yield family
+        else:
+            yield from ((own, "precision") for own in family)
+
+
+def _slopes(model: LinearModel, data: Data, p: int, sizes: Array) -> Iterator[Contrast]:
+    """Yield the slopes of quantity p on covariates, whose SDs are `sizes`."""
+    covariates = model.statistics.covariates
+    environments = model.design.cells.environments
+    for name, size in zip(data.conditions.covariates, sizes.tolist(), strict=True):
+        slope = Comparison(
+            factor=name,
+            first="the same",
+            second="1 decade more" if name == TRIAL_REFERENCE else "1 more",
+            of="slope",
+            within=covariates is not None and name in covariates.within,
+            references=environments,
+            unit=size,
+        )
+        yield _weighed(model, data, p, slope, "slope")
+
+
+def _weighed(model: LinearModel, data: Data, p: int, comparison: Comparison, of: str) -> Contrast:
+    """Weigh the locations of quantity p by a comparison, and count its subjects."""
+    keys = _keys(data, model.design.cells.names)
+    quantities = model.statistics.parameters
+    present = np.isfinite(model.statistics.cell_means[:, 0])
+    # Locations are cells quantity by quantity, then slopes of all quantities by covariate.
+    row = np.zeros(model.locations)
+    if of == "slope":
+        m = data.conditions.covariates.index(comparison.factor)
+        row[(len(keys) + m) * len(quantities) + p] = 1.0
+        return Contrast(quantities[p], comparison, of, row, len(present))
+    weights = comparison.row(keys)
+    row[p * len(keys) : (p + 1) * len(keys)] = weights
+    subjects = present[:, weights != 0.0].any(axis=1)
+    if comparison.within:
+        # Those with all levels at some reference.
+        subjects = np.zeros(len(present), dtype=bool)
+        for environment in comparison.references:
+            here = np.array([name == environment for name, _ in keys])
+            sides = [
+                side for side in (here & (weights > 0.0), here & (weights < 0.0)) if side.any()
+            ]
+            subjects |= np.all([present[:, side].any(axis=1) for side in sides], axis=0)
+    return Contrast(quantities[p], comparison, of, row, int(subjects.sum()))
 
 
 def _refuse_options(scene: Scene) -> None:
@@ -305,66 +286,3 @@ def _cells(statistics: Statistics, data: Data) -> tuple[Cells, CellFactors]:
         slopes=data.scene.model.subjects_slope,
     )
     return cells, factors
-
-
-class _Weights:
-    """Contrasts as weights of R locations: cells quantity by quantity, slopes, fixed terms."""
-
-    def __init__(
-        self,
-        keys: tuple[CellKey, ...],
-        statistics: Statistics,
-        conditions: Conditions,
-        locations: int,
-    ) -> None:
-        self._locations = locations
-        self._keys = keys
-        self._parameters = statistics.parameters
-        self._covariates = conditions.covariates
-        #: (N, C) Whether a subject has a cell
-        self._present = np.isfinite(statistics.cell_means[:, 0])
-
-    def all_quantities(self, found: Sequence[Comparison]) -> list[Compared]:
-        """Weigh contrasts in every quantity."""
-        weighed = []
-        for p, parameter in enumerate(self._parameters):
-            for comparison in found:
-                row = self._row(p, comparison)
-                weighed.append(Compared(parameter, comparison, row, self._subjects(comparison)))
-        return weighed
-
-    def _row(self, p: int, comparison: Comparison) -> Array:
-        """Weights of all locations (R,)."""
-        size = len(self._parameters)
-        cells = len(self._keys)
-        row = np.zeros(self._locations)
-        if comparison.weights:
-            row[p * cells : (p + 1) * cells] = comparison.row(self._keys)
-        else:
-            m = self._covariates.index(comparison.factor)
-            row[size * cells + m * size + p] = 1.0
-        return row
-
-    def _subjects(self, comparison: Comparison) -> int:
-        """Count the subjects that a contrast rests on."""
-        if not comparison.weights:
-            return len(self._present)
-        if not comparison.within:
-            weighed = [cell in comparison.weights for cell in self._keys]
-            return int(self._present[:, weighed].any(axis=1).sum())
-        complete = np.zeros(len(self._present), dtype=bool)
-        for environment in comparison.references:
-            complete |= self._at_all_levels(environment, comparison)
-        return int(complete.sum())
-
-    def _at_all_levels(self, environment: str, comparison: Comparison) -> NDArray[np.bool_]:
-        """Subjects with a cell of either sign in an environment."""
-        weights = [
-            comparison.weights.get(cell, 0.0) if cell[0] == environment else 0.0
-            for cell in self._keys
-        ]
-        complete = np.ones(len(self._present), dtype=bool)
-        for side in (np.array(weights) > 0.0, np.array(weights) < 0.0):
-            if side.any():
-                complete &= self._present[:, side].any(axis=1)
-        return complete

@@ -13,12 +13,13 @@ from percept import haptics
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.model.laws import Joint
+from percept.inference.model.limits import Limits
 from percept.inference.model.predictions import new_environment, new_name
 from percept.results import Boundary, IntervalRow, Skipped
 from percept.sessions.quantities import IMPEDANCE, Quantities
-from percept.study.basics import Array, Stream, generator
+from percept.study.basics import Array, Stream, claim_of, generator
 from percept.study.boundaries import BoundaryDrawing
-from percept.study.fit import Fit, estimands_of
+from percept.study.fit import Fit
 from percept.study.intervals import bayesian_row
 from percept.study.regions import Law, LawKind, PosteriorPairs, posterior_law, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
@@ -213,7 +214,7 @@ def _rows(
 ) -> Iterator[tuple[IntervalRow, float]]:
     """Yield the row of every kind and parameter, and its limits' error in half-widths."""
     asked = fit.data.asked
-    limits = estimands_of(fit.model, asked)
+    limits = Limits(fit.model, **claim_of(asked))
     moments = users.moments()
     batch = fit.run.batches()
     for kind in asked.kinds:

@@ -15,7 +15,7 @@ from percept.inference.model.statistics import from_summary
 from percept.results import Skipped
 from percept.study.basics import Array
 from percept.study.data import Data
-from percept.study.linear import ContrastPlan, linear_study, options_of, priors_of, side_by_side
+from percept.study.linear import Contrast, linear_model, options_of, priors_of
 from percept.study.responses import NO_SCALE, ResponseScale, Trials, decades, refuse_no_ratio
 from percept.study.subject_trials import own_trial_sds
 
@@ -31,7 +31,7 @@ class Prepared:
     repeats: bool | None  # Whether any cell holds more than one trial; None where it is not known
     trials: Trials | None = None  # None for published limits and without pooling
     skipped: tuple[Skipped, ...] = ()  # Trials and environments that are not in the model
-    contrasts: ContrastPlan | None = None  # Of factors and covariates; None without pooling
+    contrasts: tuple[Contrast, ...] | None = ()  # Of factors and covariates; None without pooling
 
 
 def prepare(data: Data, *, apart: bool = False) -> Prepared:
@@ -79,16 +79,18 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
             refuse_no_ratio(references, data.quantities, hint=NO_SCALE.format(name))
     trials = data.trials(*parameters, partial=data.asked.method == "both")
     own = own_trial_sds(trials, data.scene)
-    plan = linear_study(trials, data, own_trial_sds=own is True)
+    model, compared = linear_model(trials, data, own_trial_sds=own is True)
+    skipped = list(trials.skipped)
+    skipped += [one for one in (own, *compared) if isinstance(one, Skipped)]
     return Prepared(
         data=data,
-        model=plan.model,
+        model=model,
         scale=trials.scale,
         counts=np.isfinite(trials.statistics.cell_means).sum(axis=0).ravel(),
         repeats=trials.statistics.repeats,
         trials=trials,
-        skipped=trials.skipped if isinstance(own, bool) else (*trials.skipped, own),
-        contrasts=plan,
+        skipped=tuple(skipped),
+        contrasts=tuple(one for one in compared if isinstance(one, Contrast)),
     )
 
 
@@ -101,15 +103,24 @@ def _side_by_side(parts: list[Prepared]) -> Prepared:
     skipped += dict.fromkeys(one for part in parts for one in part.skipped)
     origin = np.concatenate([part.scale.origin for part in parts])
     unit = np.concatenate([part.scale.unit for part in parts])
-    plan = side_by_side([part.contrasts for part in parts if part.contrasts is not None])
+    model = Product([part.model for part in parts])
+    contrasts = []
+    before = 0
+    for part in parts:
+        own = part.model.cell_rows.shape[1]
+        after = model.cell_rows.shape[1] - before - own
+        for contrast in part.contrasts or ():
+            row = np.pad(contrast.row, (before, after))
+            contrasts.append(dataclasses.replace(contrast, row=row))
+        before += own
     return Prepared(
         data=parts[0].data,
-        model=plan.model,
+        model=model,
         scale=ResponseScale(parts[0].scale.log, origin, unit),
         counts=np.concatenate([part.counts for part in parts]),
         repeats=any(part.repeats for part in parts),
         skipped=tuple(skipped),
-        contrasts=plan,
+        contrasts=tuple(contrasts),
     )
 
 
@@ -150,6 +161,7 @@ def _unpooled(data: Data) -> Prepared:
         scale=ResponseScale(log, np.exp(mean) if log else mean, sd),
         counts=counts,
         repeats=any(own.repeats for own in moments.values()),
+        contrasts=None,
     )
 
 

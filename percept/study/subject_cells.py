@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from percept.inference.classical.variability import log_sd
 from percept.sessions.records import Factors
 from percept.study.basics import Array
-from percept.study.conditions import CellKey, Comparison
+from percept.study.comparisons import Comparison
+from percept.study.conditions import CellKey
 from percept.study.responses import Trials
 
 

@@ -30,14 +30,12 @@ def parts():
 
 @pytest.fixture(scope="module")
 def pair():
-    """Contrasts of two quantities at two levels, and coordinates near the middle of the prior."""
+    """The model of two quantities at two levels."""
     table = frame(subjects=5)
     noise = np.random.default_rng(1).normal(0.0, 0.1, len(table))
     b = 2.0 * (table["k_adj"] / table["k_ref"]) ** 0.5 * np.exp(noise)
     made = opened(table.assign(b_ref=2.0, b_adj=b), bias="hand")
-    plan = prepare(made.data).contrasts
-    point = np.random.default_rng(2).normal(0.0, 0.3, (1, len(plan.model.names)))
-    return plan, point
+    return prepare(made.data)
 
 
 @pytest.mark.evidence
@@ -90,7 +88,7 @@ def test_priors_are_those_in_use(parts, pair):
     assert {"alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "psi_sd", "kappa_sd"} <= set(alone)
     absent = {"rho_shape", "log_s_e_mean", "omega_e_scale", "omega_s_scale", "covariate_sd"}
     assert not absent & set(alone)
-    both = pair[0].model.priors_in_force
+    both = pair.model.priors_in_force
     assert {"rho_shape", "log_s_e_mean", "omega_e_scale"} <= set(both)
 
 
@@ -113,15 +111,15 @@ def test_three_factors_have_an_interaction_of_their_own():
     table = crossed(subjects=4)
     block = np.where(table["trial"] == 1, "early", "late")
     made = opened(table.assign(block=block), bias="hand * load * block")
-    plan = prepare(made.data).contrasts
-    of_term = [own for own in plan.users if own.comparison.factor == "hand:load:block"]
+    found = prepare(made.data)
+    of_term = [own for own in found.contrasts if own.comparison.factor == "hand:load:block"]
     assert [own.comparison.environment for own in of_term] == ["VE1", "VE2", "VE3", None]
     second = of_term[1]
     assert (second.comparison.first, second.comparison.second) == (
         "left, low, early",
         "right, high, late",
     )
-    weights = dict(zip(plan.model.cells, second.row, strict=False))
+    weights = dict(zip(found.model.cells, second.row, strict=False))
     levels = [("left", "right"), ("low", "high"), ("early", "late")]
     for corner in itertools.product(*levels):
         sign = (-1.0) ** sum(level in ("left", "low", "early") for level in corner)

@@ -160,7 +160,7 @@ def with_pairs():
 def test_probabilities_and_d_z_are_those_of_draws(with_pairs):
     """Of the average and the next user, drawn from the posterior."""
     fit = with_pairs.fit
-    rows = fit.contrasts.rows(fit.contrasts.users)
+    rows = np.array([own.row for own in fit.contrasts if own.is_of_users])
     points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
     averages, users = fit.model.draw(points, np.random.default_rng(1), rows)
     sds = fit.model.user_sds(points, rows)
