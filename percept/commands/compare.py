@@ -242,9 +242,9 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     print_table(table, _PAIRS, head=f"Intervals in pairs, {_claim(study)}:")
     show("\n".join(["", *_feelings(study)]))
     _bands(study)
+    show("\n".join(map(printable, ["", *advice])))
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
-    sentences = [*ladder.sentences, *ladder.notes, "", *advice]
-    show("\n".join(map(printable, sentences)))
+    show("\n".join(map(printable, ladder.notes)))
     kind = study.scene.inference.kinds[0]
     effects = []
     for effect in ladder.effects:

@@ -87,7 +87,6 @@ def comparison(results: Results) -> Section:
     figures = ["ratios"] if results.boundaries else []
     why = Section("why", "Why they differ", form="list", is_folded=True)
     if results.ladder:
-        sentences_why = [*results.ladder.sentences, *results.ladder.notes]
         columns = {
             capitalised(words.environment): of("environment"),
             "Quantity": of("parameter"),
@@ -101,7 +100,7 @@ def comparison(results: Results) -> Section:
             " Bayesian one: log ratio of widths, and shift in classical half-widths."
         )
         steps = table_of(caption, results.ladder.effects, columns)
-        why = dataclasses.replace(why, sentences=sentences_why, tables=[steps])
+        why = dataclasses.replace(why, sentences=list(results.ladder.notes), tables=[steps])
     return Section("comparison", title, sentences, [table], figures, parts=[why])
 
 

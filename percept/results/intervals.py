@@ -161,5 +161,4 @@ class Ladder(NotebookRecord):
     """The steps from the classical interval (Eq. 15; normal family) to the Bayesian one."""
 
     effects: tuple[LadderEffect, ...]
-    sentences: tuple[str, ...]  # The difference in words, per environment and parameter
     notes: tuple[str, ...] = ()  # Environments without a ladder, and why

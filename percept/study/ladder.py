@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,38 +21,10 @@ from percept.study.prepare import modelled_together, prepare
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
 _TOLERANCE = 0.05
-#: Effects under this number of standard errors, or smaller than these, are not named.
-_ERRORS = 2.0
-_LEAST_WIDTH = 0.02
-_LEAST_SHIFT = 0.05
-_USERS = {"mean": "the average {user}", "user": "the next {user}", "share": "most {users}"}
-
-
-class Step(NamedTuple):
-    """What a step adds to the model before it, in words."""
-
-    clause: str
-    of_users: str = ""  # In place of the clause where the interval is not the average user's
-
-
 #: Steps from the classical interval (Eq. 15; normal family) to the Bayesian one. Each model has
 #: what the steps before it added; without `trials` it takes each subject's mean, and without
 #: `pooling` it takes each environment by itself.
-STEPS = {
-    "prior": Step("the priors say how {users} usually adjust"),
-    "trials": Step(
-        "the model tells trial noise from differences between {users}",
-        "the model leaves trial noise out",
-    ),
-    "pooling": Step("the model also learns from the other {environments}"),
-    "own_trials": Step("each {user} has a trial SD of their own"),
-    "correlation": Step("the model also learns from the other quantity"),
-    "scale": Step(
-        "the log scale makes the typical {user} the geometric mean",
-        "{users} scatter by ratios on the log scale",
-    ),
-    "sampling": Step("draws are random"),
-}
+STEPS = ("prior", "trials", "pooling", "own_trials", "correlation", "scale", "sampling")
 
 
 class _Interval(NamedTuple):
@@ -88,17 +60,7 @@ def climb(data: Data, rows: Sequence[IntervalRow], fit: Fit, **how: Any) -> Ladd
             else:
                 chain[cause] |= _measured(one)
     chain[steps[-1]] = _measured(fit)
-    effects = tuple(_effects(chain))
-    kinds = {data.asked.kinds[0]}
-    if "trials" in chain:
-        kinds.add("user")  # The mean's interval holds trial noise by both methods
-    sentences = []
-    # The whole comes first, then every step.
-    for first in range(0, len(effects), len(chain)):
-        of_cell = effects[first : first + len(chain)]
-        if of_cell[0].kind in kinds:
-            sentences.append(sentence(of_cell, data))
-    return Ladder(effects, tuple(sentences), tuple(notes))
+    return Ladder(tuple(_effects(chain)), tuple(notes))
 
 
 def _fitted(part: Data, *, apart: bool, **how: Any) -> Fit | str:
@@ -195,56 +157,3 @@ def _effects(chain: Mapping[str, _Intervals]) -> Iterator[LadderEffect]:
                 centre=(after.centre - before.centre) / half,
                 centre_error=math.hypot(before.centre_error, after.centre_error) / half,
             )
-
-
-def sentence(effects: Sequence[LadderEffect], data: Data) -> str:
-    """Say how two intervals differ and why, from the effects on one of them, the whole first."""
-    whole = effects[0]
-    user, users = data.scene.user_noun
-    words = {"user": user, "users": users, "environments": data.scene.environment_noun[1]}
-    width = {one.cause: one.log_width for one in effects if _is_clear_width(one)}
-    centre = {one.cause: one.centre for one in effects if _is_clear_shift(one)}
-    whose = _USERS[whole.kind].format(**words)
-    start = f"{whole.environment}, {data.quantities[whole.parameter].label}: "
-    if not width and "all" not in centre:
-        within = max(_ERRORS * whole.log_width_error, _LEAST_WIDTH)
-        same = f"both intervals of {whose} have the same width and centre"
-        return f"{start}{same}, to within {100.0 * within:.0f} %."
-    clauses = {}
-    for cause, step in STEPS.items():
-        of_users = step.of_users if whole.kind != "mean" else ""
-        clauses[cause] = (of_users or step.clause).format(**words)
-    size = f"{_ratio(width['all'])} times as wide" if "all" in width else "as wide"
-    why = _reasons(width, lambda value: f"×{_ratio(value)}", clauses)
-    text = f"{start}the Bayesian interval of {whose} is {size} as the classical one{why}."
-    if "all" in centre:
-        side = "higher" if centre["all"] > 0 else "lower"
-        why = _reasons(centre, lambda value: f"{100.0 * value:+.0f} %", clauses)
-        text += (
-            f" Its centre lies {100.0 * abs(centre['all']):.0f} % of the classical half-width"
-            f" {side}{why}."
-        )
-    return text
-
-
-def _is_clear_width(effect: LadderEffect) -> bool:
-    return abs(effect.log_width) > max(_LEAST_WIDTH, _ERRORS * effect.log_width_error)
-
-
-def _is_clear_shift(effect: LadderEffect) -> bool:
-    return abs(effect.centre) > max(_LEAST_SHIFT, _ERRORS * effect.centre_error)
-
-
-def _ratio(log: float) -> str:
-    return f"{math.exp(log):.2f}" if log < math.log(10.0) else f"{math.exp(log):.0f}"
-
-
-def _reasons(
-    effects: Mapping[str, float], said: Callable[[float], str], clauses: Mapping[str, str]
-) -> str:
-    """Name the causes, the largest first; of a difference, or of effects that cancel."""
-    ordered = sorted(effects.items(), key=lambda one: -abs(one[1]))
-    causes = [f"{clauses[cause]} ({said(value)})" for cause, value in ordered if cause != "all"]
-    if not causes:
-        return ""
-    return f"{', because' if 'all' in effects else ':'} {'; '.join(causes)}"
