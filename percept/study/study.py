@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import fields
@@ -47,27 +46,6 @@ _SKIPPING = (
 )  # fmt: skip
 _CELL = ["environment", "parameter", "kind"]
 _LIMITS = ["estimate", "lower", "upper"]
-#: Parts that the card in a notebook names once they are computed.
-_KEPT = {
-    "interval_rows": "intervals",
-    "fit": "fit",
-    "contrast_rows": "contrasts",
-    "posterior": "posterior",
-    "checks": "checks",
-    "regions": "regions",
-    "boundaries": "boundaries",
-    "band": "band",
-    "coupling_row": "coupling",
-    "coupling_map": "coupling_map",
-    "other_devices": "other_devices",
-    "ladder": "ladder",
-}
-_CALLS = {
-    "study.summary()": "both methods side by side",
-    "study.plot_intervals()": "intervals over their references",
-    "study.report(folder)": "the report: page, tables, figures",
-    "study.skipped": "what is not computed, and why",
-}
 
 
 class Study(Displayed):
@@ -370,22 +348,16 @@ class Study(Displayed):
         return f"<Study of {adjusted} in {where}, {self.sessions.form}>"
 
     def _repr_html_(self) -> str:
-        """Return a card: what the study is, has computed, and what to call; computes nothing."""
+        """Say in a notebook what the study is; nothing is computed."""
         sessions = self.sessions
         asked = self.scene.inference
-        computed = [word for name, word in _KEPT.items() if name in vars(self)]
+        names = [sessions.quantities[name].words for name in sessions.parameters]
         about = {
-            "quantities": ", ".join(
-                sessions.quantities[name].words for name in sessions.parameters
-            ),
+            "quantities": ", ".join(names),
             "environments": len(sessions.environments),
             "subjects": len(sessions.subjects) or "published limits",
             "method": f"{asked.method}, {asked.family}, level {asked.level:g}",
             "device": "none" if self.scene.device is None else "yes",
             "coupling": "none" if self.scene.coupling is None else "yes",
-            "computed": ", ".join(computed) or "nothing yet",
         }
-        calls = "".join(
-            f"<li><code>{html.escape(call)}</code>: {what}</li>" for call, what in _CALLS.items()
-        )
-        return f"{fields_html(about, caption='Study')}<ul>{calls}</ul>"
+        return fields_html(about, caption="Study")

@@ -1,9 +1,7 @@
 """Checks of fits: planted subjects are named, and files open with ArviZ."""
 
-import arviz_stats
 import numpy as np
 import pytest
-import xarray
 from scipy import stats
 
 import percept
@@ -99,35 +97,6 @@ def test_intervals_without_a_subject_are_those_of_a_fit_without_it():
         half = 0.5 * (wanted["upper"] - wanted["lower"])
         # Both have errors of some hundredths of a half-width.
         np.testing.assert_allclose(found, wanted, atol=0.15 * half)
-
-
-def test_statistics_above_their_range_are_hardly_ever_larger(planted):
-    found = planted.checks.statistics
-    high = [check for check in found if check.observed > check.upper]
-    assert high
-    # Half of one per cent lies above a limit, which is a quantile of the same draws.
-    assert all(check.above < 0.006 for check in high)
-
-
-def test_tree_is_the_posterior_and_a_file_that_opens(clean, tmp_path):
-    tree = clean.posterior
-    assert set(tree.children) == {
-        "posterior", "posterior_predictive", "sample_stats", "log_likelihood", "observed_data",
-        "prior",
-    }  # fmt: skip
-    tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
-    with xarray.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as opened:
-        assert opened.equals(tree)
-        assert opened["posterior_predictive/new_user"].dims == (
-            "chain",
-            "draw",
-            "parameter",
-            "environment",
-        )
-        found = arviz_stats.summary(
-            opened, var_names=["population_mean"], kind="diagnostics", fmt="xarray"
-        )
-        assert set(found["environment"].to_numpy()) == {"VE1", "VE2", "VE3"}
 
 
 def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):

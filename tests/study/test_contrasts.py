@@ -12,11 +12,9 @@ from scipy import stats
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.report.contrast import contrast_sentences
 from percept.report.tables import csv_tables
-from percept.results import ContrastRow
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.study.compare import within_subjects
 from percept.study.conditions import by_level
-from percept.study.contrast_table import chosen_contrasts
 from tests import DATASETS
 from tests.documents import as_results, build_document, page_of
 from tests.study.within import crossed, frame, study
@@ -70,14 +68,6 @@ def test_contrasts_are_those_of_subjects_means(family):
             stats.pearsonr(left + right, right - left).pvalue, rel=1e-9
         )
     assert row_of(found, None)["references"] == ("VE1", "VE2", "VE3")
-
-
-def test_priors_of_the_contrast_are_the_scene_s():
-    made = study(frame(trials=1), model={"priors": {"lambda_sd": 0.3}})
-    scene = made.scene.with_inference(method="bayesian", tolerance=0.3)
-    priors = Study(made.sessions, scene).diagnostics.priors
-    told = {prior.prior: prior.value for prior in priors}
-    assert (told["lambda_sd"], told["psi_sd"]) == (0.3, 0.5)
 
 
 def test_overall_contrasts_average_over_what_all_subjects_share():
@@ -208,12 +198,6 @@ def test_the_first_screen_has_the_clearest_pair_of_levels():
     )
 
 
-def test_the_first_screen_tells_the_kind_that_was_asked_for():
-    inference = {"method": "classical", "family": "lognormal", "kinds": ["user"]}
-    (sentence,) = contrast_sentences(study(frame(), inference=inference).results())
-    assert "next user’s stiffness" in sentence
-
-
 @pytest.mark.parametrize(
     ("together", "said"),
     [
@@ -305,21 +289,6 @@ def test_groups_share_subjects_at_references_they_share():
     assert not within_subjects(Sessions.from_frame(different, scene=options), "hand")
 
 
-def test_users_are_called_what_the_study_calls_its_subjects():
-    made = study(frame(), study={"factor": "hand", "subject": "driver"})
-    document = build_document(made)
-    assert document["data"]["words"]["user"] == ["driver", "drivers"]
-    page = page_of(document).split("<main")[1]
-    text = re.sub("(?s)<script.*?</script>|<pre.*?</pre>|<svg.*?</svg>", "", page)
-    text = re.sub('title="([^"]*)"', r"> \1 <", text.split('id="data"')[0])
-    text = re.sub("<[^>]*>", "", text)
-    assert "The next driver’s" in text or "the next driver’s" in text
-    # What is left is the name of a kind, in tables.
-    text = re.sub("kind user|user, classical", "", text)
-    left = [word for word in re.findall(r"\w* ?\busers?\b", text) if word != "user"]
-    assert not left, left
-
-
 def test_the_page_has_a_section_of_the_factor():
     made = study(frame())
     document = build_document(made)
@@ -385,20 +354,3 @@ def test_a_contrast_can_be_asked_for_either_way_round(family):
         made.contrast("foot: left - right")
     with pytest.raises(UsageError, match="'left - both': hand has no such contrast of two levels"):
         made.contrast("hand: left - both")
-
-
-@pytest.mark.parametrize(
-    ("unit", "turned_together"), [("mm", (-3.0, -1.0)), ("", (1.0 / 3.0, 1.0))]
-)
-def test_limits_that_hold_together_turn_with_a_contrast(unit, turned_together):
-    row = ContrastRow(
-        factor="hand", first="left", second="right", environment=None, references=("VE1",),
-        parameter="k", of="bias", kind="mean", method="bayesian", family="normal", level=0.9,
-        share=None, confidence=None, lower=1.2, estimate=2.0, upper=2.8, lower_together=1.0,
-        upper_together=3.0, unit=unit, p_value=None, within=True, n=4, of_subjects=4,
-        of_references=1,
-    )  # fmt: skip
-    alone = dataclasses.replace(row, lower_together=None, upper_together=None)
-    turned = chosen_contrasts([row, alone], "hand: left - right")
-    limits = [(one.lower_together, one.upper_together) for one in turned]
-    assert limits == [turned_together, (None, None)]

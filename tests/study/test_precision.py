@@ -174,7 +174,7 @@ def test_probabilities_and_d_z_are_those_of_draws(with_pairs):
         assert found[index].d_z == (d_z if d_z is None else pytest.approx(d_z, abs=0.03))
 
 
-def test_levels_in_the_other_order_turn_probability_and_d_z(with_pairs):
+def test_levels_in_the_other_order_turn_limits_probability_and_d_z(with_pairs):
     rows = with_pairs.contrast_rows
     straight = chosen_contrasts(rows, "hand: right - left")
     turned = chosen_contrasts(rows, "hand: left - right")
@@ -183,3 +183,4 @@ def test_levels_in_the_other_order_turn_probability_and_d_z(with_pairs):
     for a, b in pairs:
         assert a.probability_above + b.probability_above == pytest.approx(1.0)
         assert (a.d_z or 0.0) + (b.d_z or 0.0) == 0.0
+        assert a.lower_together * b.upper_together == pytest.approx(1.0)

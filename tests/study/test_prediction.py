@@ -127,11 +127,6 @@ def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(
     assert found.intervals["covers"].str.contains("moment matching").all()
 
 
-def test_intervals_from_published_limits_say_how_they_come_to_logarithms(published: Study) -> None:
-    bayesian = published.interpretation.query("method == 'bayesian'")
-    assert bayesian["covers"].str.contains("moment matching").all()
-
-
 def test_refused(fitted: Study) -> None:
     with pytest.raises(UsageError, match="damping of the new environment is missing"):
         predict(fitted, stiffness=100.0)

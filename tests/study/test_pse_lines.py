@@ -7,7 +7,7 @@ from scipy import optimize, stats
 
 from percept import Scene, Study
 from percept.inference.model.predictions import new_environment
-from percept.results import PseLineRow, Skipped
+from percept.results import Skipped
 from percept.sessions import Sessions
 
 
@@ -64,12 +64,6 @@ def test_a_line_is_straight_and_has_the_slope_of_the_table(fitted, lines):
     tested = [fitted.data.reference["k", name] for name in fitted.data.environments]
     assert lines["reference"].iloc[0] == pytest.approx(min(tested))
     assert lines["reference"].iloc[24] == pytest.approx(max(tested))
-
-
-def test_results_hold_the_lines(fitted):
-    results = fitted.results(curves=False)
-    assert results.pse_lines == tuple(fitted.pse_lines)
-    assert isinstance(results.pse_lines[0], PseLineRow)
 
 
 def study_of(references, *, levels=("",), family="lognormal", **model):

@@ -214,16 +214,6 @@ def test_what_has_no_jnd_is_named_with_the_reason():
     assert said(data[data["trial"] == 1]) == (set(), [("JND of stiffness", why)])
 
 
-def test_published_limits_have_no_jnd():
-    from percept import read_sessions
-    from tests import DATASETS
-
-    sessions = read_sessions(DATASETS / "hbfd_table1.csv")
-    study = Study(sessions, Scene(inference={"method": "classical"}))
-    said = {row.what: row.why for row in study.skipped_rows}
-    assert said["JND of damping"] == "published limits hold no trials"
-
-
 def test_an_sd_that_leads_beyond_the_doubles_has_no_upper_limit():
     settings = pd.DataFrame(
         {"subject": ["Ann", "Ben"], "k_ref": 10.0, "k_adj": 10.0 * np.exp([-3.6, 3.6])}

@@ -147,21 +147,6 @@ def test_repeats_without_scatter_are_named(alike, why, setting):
     assert not has_own(found)
 
 
-@pytest.mark.parametrize(
-    ("made", "why"),
-    [
-        (table(trials=2), "half of the subjects repeat a trial fewer than 8 times"),
-        (table(trials=5, sds=[0.05] * 61), "the study has more than 60 subjects"),
-    ],
-    ids=["few trials", "many subjects"],
-)
-def test_studies_that_cannot_carry_them_say_why(made, why):
-    (skipped,) = prepared(made).skipped
-    assert skipped.what == "subjects' own trial SDs of stiffness"
-    assert skipped.why.startswith(f"{why}; [model] subjects_trial_sd = true computes them")
-    assert has_own(prepared(made, subjects_trial_sd=True))
-
-
 def test_subjects_with_one_trial_sd_seldom_seem_to_differ():
     """The probability is uniform if nothing differs, within Monte Carlo error."""
     rng = np.random.default_rng(9)

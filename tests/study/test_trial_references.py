@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from percept import Scene, Study, read_sessions
+from percept import Scene, Study
 from percept.errors import RefusalError, UsageError
 from percept.sessions import Sessions
 from percept.study.trial_references import at_typical_references
@@ -121,16 +121,6 @@ def test_a_slope_is_said_of_settings_and_of_their_ratio(fitted_trials):
     assert float(said[4]) == pytest.approx(row["lower"], rel=0.01)
 
 
-@pytest.mark.evidence
-def test_subjects_slopes_over_ranges_are_found():
-    made = frame(subjects=20, slope_sd=0.2)
-    study = Study(read(made), scene_of(subjects_slope=True))
-    table = study.psychophysics.set_index("measure")
-    limits = table.loc["sigma_slope"]
-    assert limits["lower"] < 0.2 < limits["upper"]
-    assert table.loc["gamma", "lower"] < SLOPE < table.loc["gamma", "upper"]
-
-
 def test_the_reader_names_the_remedy():
     made = frame(environments=("soft", "hard"))
     with pytest.raises(UsageError, match=r'by trial, set \[model\] bias = "reference"'):
@@ -145,14 +135,6 @@ def test_a_trial_without_reference_is_refused():
     made.loc[7, "k_ref"] = np.nan
     with pytest.raises(UsageError, match="environment 'soft' has no reference"):
         read(made)
-
-
-def test_files_are_read_so_too(tmp_path):
-    file = tmp_path / "trials.csv"
-    frame().to_csv(file, index=False)
-    scene = scene_of()
-    study = Study(read_sessions(file, scene=scene), scene)
-    assert len(study.sessions.environments) == 5
 
 
 @pytest.mark.parametrize(

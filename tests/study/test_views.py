@@ -21,17 +21,7 @@ def test_showing_a_study_computes_nothing():
     before = dict(vars(study))
     page = study._repr_html_()
     assert vars(study) == before
-    assert "<td>nothing yet</td>" in page
     assert "<td>stiffness k, damping b</td>" in page
-    assert "<code>study.plot_intervals()</code>" in page
-    _ = study.intervals
-    assert "<td>intervals, fit</td>" in study._repr_html_()
-
-
-def test_a_study_takes_the_file_of_its_scene():
-    path = DATASETS / "hbfd.toml"
-    sessions = read_sessions(SESSIONS)
-    assert Study(sessions, path).scene == Study(sessions, str(path)).scene == Scene.load(path)
 
 
 def test_a_coupling_prints_a_line_per_number_and_no_array():

@@ -54,13 +54,6 @@ def test_ratios_of_spread_hold_the_truth(computed):
     assert all(row["lower"] < row["estimate"] < row["upper"] for row in spreads)
 
 
-def test_the_page_says_what_the_bayesian_contrasts_are(made, computed):
-    document = build_document(made)
-    page = page_of(document | {"contrast": computed})
-    assert "All Bayesian contrasts come from one posterior." in page
-    assert "All Bayesian contrasts" not in page_of(document)
-
-
 def skipped(table, **tables):
     made = study(table, **tables)
     both = Study(made.sessions, made.scene.with_inference(method="both", tolerance=0.3))
