@@ -40,24 +40,11 @@ __all__ = ["mixture_quantile", "share_content", "share_half_width"]
 Array = NDArray[np.float64]
 
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
-#: With more draws the search starts from the root over every `_THINNING`-th draw: full passes are
-#: expensive then, and the start saves one or two of some four. With fewer a pass costs as little as
-#: the start.
-_MANY_DRAWS = 4096
-#: An eighth of the draws costs half a pass in its four, and its root is some three times as noisy
-#: as that of all: near enough to start from.
-_THINNING = 8
 #: Largest product of the last two steps of `root`, whose error is about the product's square. Steps
-#: to a mixture's quantile are in its SDs, those to a half-width in its logarithm. With few draws
-#: the limit is exact.
-_STEP_PRODUCT = 1e-16
-#: With many draws the error, 2e-11 SDs, need only be far below the Monte Carlo error.
-_STEP_PRODUCT_OF_MANY = 4e-6
-#: The slope of a share is noisy, so the error no longer falls as the square. Steps of 1e-4 leave it
-#: below 1e-4 of the half-width, a hundredth of the usual tolerance.
-_STEP_PRODUCT_OF_SHARE = 1e-8
-#: A start needs few digits: the search over all draws follows.
-_STEP_PRODUCT_OF_START = 1e-3
+#: to a mixture's quantile are in its SDs, those to a half-width in its logarithm. The slope of a
+#: share of many draws is noisy, so that its error falls no faster than the product: 1e-7 of a
+#: half-width is far below the Monte Carlo error.
+_STEP_PRODUCT = 1e-7
 #: Draws worked on at a time: with some ten quantities their temporaries, 80 kB each, stay in the
 #: processor's cache.
 _BLOCK = 1024
@@ -96,9 +83,8 @@ def mixture_quantile(
         Shape (S, Q): derivative of the quantile in the weight of a draw.
     """
     sign = 1.0 if upper else -1.0
-    step_product = _STEP_PRODUCT_OF_MANY if len(mean) > _MANY_DRAWS else _STEP_PRODUCT
     mixture = _Mixture(_as_rows(mean) * sign, _as_rows(sd))
-    quantile = mixture.upper_quantile(tail, step_product)
+    quantile = mixture.upper_quantile(tail)
     residual = mixture.beyond - mixture.mean_beyond[:, None]
     influence = residual * (sign / mixture.density)[:, None]
     return sign * quantile, influence.T
@@ -107,11 +93,6 @@ def mixture_quantile(
 def _as_rows(draws: Array) -> Array:
     """Quantities as rows, (Q, S): loops over all draws of one are the fast ones."""
     return np.ascontiguousarray(draws.T)
-
-
-def _thinned(draws: Array) -> Array:
-    """Keep some of the draws of quantities (Q, S)."""
-    return np.ascontiguousarray(draws[:, ::_THINNING])
 
 
 @dataclass(eq=False)
@@ -131,26 +112,20 @@ class _Mixture:
         self.mean_beyond = np.empty(len(self.mean))  # (Q,) The mixture's probability beyond x
         self.density = np.empty(len(self.mean))  # (Q,) The mixture's density at x
 
-    def upper_quantile(self, tail: float, step_product: float) -> Array:
+    def upper_quantile(self, tail: float) -> Array:
         """Find x (Q,) with the stated probability beyond it."""
         z = -special.ndtri(tail)
-        if self.mean.shape[1] > _MANY_DRAWS:
-            thinned = _Mixture(_thinned(self.mean), _thinned(self.sd))
-            spread = thinned.spread()
-            start = thinned.upper_quantile(tail, _STEP_PRODUCT_OF_START)
-        else:
-            spread = self.spread()
-            start = self.mean.mean(axis=1) + z * spread
+        spread = self._spread()
         # The mixture's quantile lies between the nearest and the farthest of its components'.
         component_quantiles = self.sd * z
         component_quantiles += self.mean
         low = component_quantiles.min(axis=1)
         high = component_quantiles.max(axis=1)
-        start = np.clip(start, low, high)
+        start = np.clip(self.mean.mean(axis=1) + z * spread, low, high)
         shortfall = functools.partial(self._log_shortfall, tail=tail)
-        return root(shortfall, start, low, high, spread, step_product)
+        return root(shortfall, start, low, high, spread, _STEP_PRODUCT)
 
-    def spread(self) -> Array:
+    def _spread(self) -> Array:
         """SD of the mixture, (Q,)."""
         square = self.sd * self.sd
         variance = self.mean.var(axis=1) + square.mean(axis=1)
@@ -323,13 +298,12 @@ def share_half_width(
     influence : ndarray
         Shape (S, 2 Q): of all lower limits, then of all upper ones.
     """
-    step_product = _STEP_PRODUCT_OF_SHARE if len(mean) > _MANY_DRAWS else _STEP_PRODUCT
     mean = _as_rows(mean)
     spread = _as_rows(spread)
     centre = mean.mean(axis=1)
     draws = mean.shape[1]
     content = _MeanContent(share, centre, mean, _as_rows(sd), spread)
-    half_width = content.half_width(confidence, step_product)
+    half_width = content.half_width(confidence)
     slope = content.slope
     # (sum of slopes)² over the sum of their squares counts the draws that carry the slope.
     enough = min(_FEWEST_CARRYING, _FRACTION_CARRYING * draws)
@@ -381,7 +355,7 @@ class _MeanContent:
         self.square_slope = np.empty_like(self.centre)  # (Q,) Mean square of that derivative
         self.by_centre = np.empty_like(self.centre)  # (Q,) Mean derivative in the centre
 
-    def half_width(self, confidence: float, step_product: float) -> Array:
+    def half_width(self, confidence: float) -> Array:
         """Find the half-widths (Q,) at which the mean probability is the confidence."""
         least = _reach(self.share).least * self.spread
         low = least.min(axis=1)
@@ -389,25 +363,16 @@ class _MeanContent:
         high = least + np.abs(offset)
         score = special.ndtri(_BRACKET_TAIL * (1.0 - confidence))
         high -= score * self.sd
-        if self.mean.shape[1] > _MANY_DRAWS:
-            start = self._thinned().half_width(confidence, _STEP_PRODUCT_OF_START)
-        else:
-            start = np.quantile(least, confidence, axis=1)
+        start = np.quantile(least, confidence, axis=1)
         log_half_width = root(
             functools.partial(self._score_shortfall, wanted=special.ndtri(confidence)),
             np.log(start),
             np.log(low),
             np.log(high.max(axis=1)),
             np.ones_like(start),
-            step_product,
+            _STEP_PRODUCT,
         )
         return np.exp(log_half_width)
-
-    def _thinned(self) -> _MeanContent:
-        mean = _thinned(self.mean)
-        sd = _thinned(self.sd)
-        spread = _thinned(self.spread)
-        return _MeanContent(self.share, self.centre, mean, sd, spread)
 
     def _score_shortfall(self, log_half_width: Array, *, wanted: float) -> tuple[Array, Array]:
         """Return the normal score of the probability less the wanted one, and its slope.
