@@ -62,12 +62,31 @@ class Product(Model):
         return np.sum([model(part) for model, part in self.split(points)], axis=0)
 
     def scales(self, points: Array) -> Named:
-        """Scales of all models by name, side by side along the quantities."""
+        """Scales of all models by name, quantities side by side; NaN where a model has none."""
         parts = [model.scales(coordinates) for model, coordinates in self.split(points)]
         named: Named = {}
-        for name, (dimensions, _) in parts[0].items():
-            named[name] = (dimensions, np.hstack([part[name][1] for part in parts]))
+        for part in parts:
+            for name, (dimensions, values) in part.items():
+                if name not in named and not dimensions:
+                    named[name] = ((), values)
+                elif name not in named:
+                    named[name] = (dimensions, self._side_by_side(name, parts, values))
         return named
+
+    def _side_by_side(
+        self,
+        name: str,
+        parts: list[Named],
+        example: Array,
+    ) -> Array:
+        """Values of a scale in all models, (W, P, ...), in which one model's are as the example."""
+        columns = []
+        for model, part in zip(self.models, parts, strict=True):
+            width, _, *others = example.shape
+            missing = np.full((width, model.design.parameters, *others), np.nan)
+            _, values = part.get(name, ((), missing))
+            columns.append(values)
+        return np.hstack(columns)
 
     def law(self, points: Array) -> Law:
         """Law of all locations and of users at coordinates (W, d) of one pass."""

@@ -167,6 +167,8 @@ def test_models_side_by_side_have_the_law_of_all_their_locations():
     studies = [made("covariates of trials"), made("one quantity, two levels", seed=1)]
     models = [study.model for study in studies]
     product = Product(models)
+    assert product.names == models[0].names + models[1].names
+    assert product.cells == models[0].cells + models[1].cells
     points = np.random.default_rng(2).normal(0.0, 0.7, (2, len(product.names)))
     split = np.split(points, [len(models[0].names)], axis=1)
     values = sum(model(part) for model, part in zip(models, split, strict=True))
@@ -181,3 +183,25 @@ def test_models_side_by_side_have_the_law_of_all_their_locations():
     check(product.moments(points, rows), expected)
     np.testing.assert_allclose(product.user_sds(points, rows), expected[2], rtol=1e-9)
     assert linalg.norm(expected[0]) > 0.0
+    count = 20_000
+    draws = product.draw(points[:1], np.random.default_rng(5), rows, repeats=count)
+    sds = (expected[1][0], np.hypot(expected[1][0], expected[2][0]))
+    for drawn, sd in zip(draws, sds, strict=True):
+        assert np.all(np.abs(drawn.mean(axis=0) - expected[0][0]) < 4.5 * sd / np.sqrt(count))
+        assert np.all(np.abs(drawn.std(axis=0) / sd - 1.0) < 4.5 / np.sqrt(2.0 * count))
+
+
+def test_scales_side_by_side_stand_by_quantity():
+    """A pair whose quantities correlate, and a quantity without repeats or correlations."""
+    models = [made("plain, trials").model, made("one quantity", seed=1).model]
+    product = Product(models)
+    points = np.random.default_rng(2).normal(0.0, 0.7, (5, len(product.names)))
+    named = product.scales(points)
+    (pair, _), (alone, coordinates) = product.split(points)
+    np.testing.assert_array_equal(named["sigma"][1][:, 2:], alone.scales(coordinates)["sigma"][1])
+    np.testing.assert_array_equal(named["sigma_e"][1][:, 2], np.full((5, 3), np.nan))
+    assert named["sigma_e"][0] == ("parameter", "environment")
+    of_pair = pair.scales(points[:, : len(pair.names)])
+    for name, (_, values) in of_pair.items():
+        found = named[name][1]
+        np.testing.assert_array_equal(found[:, :2] if found.ndim > 1 else found, values)

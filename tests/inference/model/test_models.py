@@ -6,8 +6,7 @@ from scipy import integrate, stats
 
 from percept.errors import RefusalError
 from percept.inference.model.model import Resolution, plain_model
-from percept.inference.model.product import Product, Unpooled
-from percept.inference.model.statistics import from_summary
+from percept.inference.model.product import Unpooled
 from tests.inference.model.designs import made
 from tests.inference.model.test_statistics import reduce
 
@@ -22,47 +21,6 @@ def test_identical_subjects_have_an_answer_with_a_resolution():
     far = np.zeros((2, len(model.names)))
     far[1, model.names.index("sigma[k,C2]")] = -30.0
     assert model(far)[1] < model(far)[0]
-
-
-def summary(parameter, seed):
-    rng = np.random.default_rng(seed)
-    return plain_model(
-        from_summary(
-            0.1 * rng.normal(size=3),
-            0.1 + 0.1 * rng.random(3),
-            np.array([10, 8, 12]),
-            np.array([-1.0, 0.2, 0.8]),
-            parameter=parameter,
-            environments=("VE1", "VE2", "VE3"),
-        )
-    )
-
-
-def test_product_is_its_models_side_by_side():
-    models = [summary("k", 1), summary("b", 2)]
-    product = Product(models)
-    assert product.names == models[0].names + models[1].names
-    assert product.cells == models[0].cells + models[1].cells
-    points = np.random.default_rng(0).normal(size=(6, len(product.names)))
-    parts = np.split(points, 2, axis=1)
-    np.testing.assert_allclose(
-        product(points), models[0](parts[0]) + models[1](parts[1]), rtol=1e-14
-    )
-    laws = [model.moments(part) for model, part in zip(models, parts, strict=True)]
-    joined = product.moments(points)
-    for name in ("mean", "sd", "population_sd"):
-        expected = np.hstack([getattr(law, name) for law in laws])
-        np.testing.assert_allclose(getattr(joined, name), expected, rtol=1e-14)
-    scales = [model.scales(part) for model, part in zip(models, parts, strict=True)]
-    for name, (dimensions, values) in product.scales(points).items():
-        assert dimensions == scales[0][name][0]
-        np.testing.assert_array_equal(values, np.concatenate([s[name][1] for s in scales], axis=1))
-    means, users = product.draw(np.repeat(points[:1], 20_000, axis=0), np.random.default_rng(5))
-    spread = np.hypot(joined.sd[0], joined.population_sd[0])
-    assert np.all(
-        np.abs(means.mean(axis=0) - joined.mean[0]) < 4.5 * joined.sd[0] / np.sqrt(20_000)
-    )
-    assert np.all(np.abs(users.std(axis=0) / spread - 1) < 4.5 / np.sqrt(40_000))
 
 
 CELLS = (("k", "VE1"), ("k", "VE2"), ("b", "VE1"))

@@ -23,15 +23,6 @@ def expected(model, points, repeats):
     }
 
 
-def test_users_correlate_by_what_they_share_and_by_what_is_their_own() -> None:
-    found, named = expected(*model_and_points(), repeats=3)
-    shared = named["sigma_u"]
-    own = np.sqrt(np.diagonal(found.users[:, 0], axis1=1, axis2=2) - shared**2)
-    wanted = named["rho_u"] * shared.prod(axis=1) + named["rho_w"] * own.prod(axis=1)
-    np.testing.assert_allclose(found.users[:, 0, 0, 1], wanted, rtol=1e-9)
-    np.testing.assert_array_equal(found.users[:, 0, 0, 1], found.users[:, 0, 1, 0])
-
-
 def test_repeats_of_a_draw_stand_together() -> None:
     model, points = model_and_points()
     once, thrice = (expected(model, points, repeats)[0] for repeats in (1, 3))

@@ -12,7 +12,7 @@ from percept.inference.model.limits import Limits
 from percept.inference.model.model import plain_model
 from percept.inference.model.priors import Priors
 from percept.inference.model.rough import likelihood_of_trials
-from percept.inference.model.statistics import from_summary, from_trials
+from percept.inference.model.statistics import from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from reports.calibration.studies import KINDS, draw_study
@@ -94,55 +94,6 @@ def test_a_cell_that_trials_explain_is_left_to_the_prior():
     model = model_of_rows(repeated(3.0))
     assert weights(model) == [0.0]
     assert at_zero(model) == pytest.approx([0.2], rel=1e-12)
-
-
-def test_environments_inform_each_other():
-    """One environment's scatter is all the trials' own; the other's says how small spreads are."""
-    quiet = [
-        (i, 1, 0.001 * mean + 0.1 * sign)
-        for i, (mean, signs) in enumerate(SUBJECTS)
-        for sign in signs
-    ]
-    model = model_of_rows([*repeated(0.1), *quiet], environments=2, options=APART)
-    # x is 0 and 1: SD 1 of log s, .5 of kappa, and .5 of each environment about the trend.
-    prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
-    df, noise = np.full(2, 2.0), np.full(2, 2.0 * 0.01 / 3.0)
-    wanted = mode(np.array([0.04, 4e-8]), df, noise, prior)
-    assert weights(model) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-5)
-    alone = (
-        2.0 * 2.0 * share_left(mode(np.array([4e-8]), df[:1], noise[:1], np.eye(1)), noise[:1]) ** 2
-    )
-    assert weights(model)[1] > 1.05 * alone[0]
-
-
-def test_an_environment_without_repeats_takes_the_trials_of_the_others():
-    once = [(i, 1, mean) for i, mean in enumerate((0.1, 0.5, 0.3))]
-    model = model_of_rows([*repeated(0.1), *once], environments=2, options=APART)
-    prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
-    # s_e^2 = .016, all of it where r = 1.
-    noise = np.array([2.0 * 0.01 / 3.0, 0.016])
-    wanted = mode(np.full(2, 0.04), np.full(2, 2.0), noise, prior)
-    assert weights(model) == pytest.approx(4.0 * share_left(wanted, noise) ** 2, rel=1e-5)
-
-
-def test_a_missing_cell_counts_neither_its_subject_nor_its_trials():
-    seen = [(i, 1, mean + 0.1 * sign) for i, mean in ((0, 0.1), (2, 0.5)) for sign in (-1, 1)]
-    model = model_of_rows([*repeated(0.1), *seen], environments=2)
-    prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
-    # Two subjects: s^2 = .08 with one degree of freedom, s_e^2 = .04/2, r = 2.
-    df, noise = np.array([2.0, 1.0]), np.array([2.0 * 0.01 / 3.0, 0.01])
-    wanted = mode(np.array([0.04, 0.08]), df, noise, prior)
-    assert weights(model) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-5)
-
-
-def test_without_repeats_all_scatter_is_between_subjects():
-    once = [(i, 0, mean) for i, (mean, _) in enumerate(SUBJECTS)]
-    assert weights(model_of_rows(once)) == pytest.approx([4.0])
-    limits = from_summary(
-        np.zeros(2), np.full(2, 0.2), np.array([10, 6]), np.zeros((1, 2)),
-        parameter="k", environments=("VE1", "VE2"),
-    )  # fmt: skip
-    assert weights(plain_model(limits)) == pytest.approx([18.0, 10.0])
 
 
 def test_subjects_that_differ_less_than_their_trials_are_sampled_soon():

@@ -31,53 +31,6 @@ def reduce(built, order=slice(None), shift=0.0, relabel=None):
     )
 
 
-def cells(built):
-    study = built.study
-    for i in range(len(built.model.statistics.subjects)):
-        for j in range(len(built.model.statistics.environments)):
-            yield i, j, study.response[(study.subject == i) & (study.cell == j)]
-
-
-@pytest.mark.parametrize("name", PLAIN)
-def test_statistics_equal_direct_formulas(name):
-    study = made(name, seed=6)
-    statistics = study.model.statistics
-    size, environments = study.study.x.shape
-    scatter, df = np.zeros((size, size, environments)), np.zeros(environments)
-    counts = np.zeros((len(statistics.subjects), environments), dtype=int)
-    for i, j, values in cells(study):
-        counts[i, j] = len(values)
-        if not len(values):
-            assert np.isnan(statistics.cell_means[i, :, j]).all()
-            continue
-        np.testing.assert_allclose(statistics.cell_means[i, :, j], values.mean(axis=0), rtol=1e-14)
-        apart = values - values.mean(axis=0)
-        scatter[..., j] += apart.T @ apart
-        df[j] += len(values) - 1
-    np.testing.assert_array_equal(statistics.trial_df, df)
-    assert statistics.repeats == bool(df.any())
-    rows = np.einsum("pkj,qkj->pqj", statistics.trial_rows, statistics.trial_rows)
-    np.testing.assert_allclose(rows, scatter, rtol=1e-12, atol=1e-16)
-    for j in range(environments):
-        means = statistics.cell_means[counts[:, j] > 0, :, j]
-        np.testing.assert_array_equal(statistics.df[:, j], len(means) - 1.0)
-        if len(means) > 1:
-            np.testing.assert_allclose(statistics.sd[:, j], means.std(axis=0, ddof=1), rtol=1e-12)
-    seen = []
-    for pattern in statistics.patterns:
-        seen += pattern.members.tolist()
-        for member in pattern.members:
-            assert np.flatnonzero(counts[member]).tolist() == pattern.environments.tolist()
-            np.testing.assert_array_equal(counts[member, pattern.environments], pattern.trials)
-        values = statistics.cell_means[pattern.members][:, :, pattern.environments]
-        np.testing.assert_allclose(pattern.mean, values.mean(axis=0), rtol=1e-13)
-        flat = (values - values.mean(axis=0)).reshape(pattern.subjects, -1)
-        own = pattern.rows.transpose(1, 0, 2).reshape(pattern.rows.shape[1], flat.shape[1])
-        np.testing.assert_allclose(own.T @ own, flat.T @ flat, rtol=1e-11, atol=1e-15)
-        assert pattern.rows.shape[1] <= min(max(pattern.subjects - 1, 0), flat.shape[1])
-    assert sorted(seen) == list(range(len(statistics.subjects)))
-
-
 @settings(max_examples=20, deadline=None)
 @given(st.sampled_from(PLAIN), st.integers(0, 2**31))
 def test_order_of_rows_and_names_of_subjects_do_not_matter(name, seed):
@@ -118,14 +71,6 @@ def test_equal_values_have_no_scatter_at_all(value, subjects):
     )
     assert statistics.sd[0, 0] == 0.0
     assert not statistics.trial_rows.any()
-
-
-def test_subjects_with_equal_counts_share_a_pattern():
-    assert len(made("plain").model.statistics.patterns) == 1
-    assert len(made("plain, trials").model.statistics.patterns) == 1
-    patterns = made("plain, missing cells").model.statistics.patterns
-    assert sum(pattern.subjects for pattern in patterns) == 6
-    assert 1 < len(patterns) <= 5
 
 
 def test_summary_is_the_likelihood_of_means_and_sds():

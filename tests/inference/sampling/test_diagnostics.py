@@ -78,18 +78,6 @@ def test_rhat_of_constants():
         assert split_rhat(each_its_own, method)[0] == np.inf
 
 
-def test_rank_rhat_by_hand():
-    # A monotone map changes no rank (the folded part needs symmetry, so the bulk one decides here).
-    rng = np.random.default_rng(6)
-    shifted = rng.normal(size=(4, 100, 1)) + np.arange(4.0)[:, None, None]
-    scores = normal_scores(np.concatenate([shifted[:, :50], shifted[:, 50:]]))
-    within = scores.var(axis=1, ddof=1).mean(axis=0)
-    between = scores.mean(axis=1).var(axis=0, ddof=1)
-    np.testing.assert_allclose(
-        split_rhat(shifted, "rank"), np.sqrt(49 / 50 + between / within), rtol=1e-12
-    )
-
-
 def test_normal_scores_are_those_of_ranks():
     values = np.array([[3.0], [-1.0], [10.0], [3.0]])
     ranks = np.array([2.5, 1.0, 4.0, 2.5])

@@ -6,12 +6,8 @@ from mpmath import mp
 from scipy import integrate, optimize, special, stats
 
 from percept.errors import UsageError
-from percept.inference import tolerance_factor
-from percept.inference.model.limits import Limits
-from percept.inference.model.product import Unpooled
 from percept.inference.sampling.endpoints import mixture_quantile, share_content, share_half_width
 from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.run import sample
 
 MIXTURES = {
     "alike": lambda rng: (0.1 * rng.normal(size=40), np.exp(0.2 * rng.normal(size=40))),
@@ -152,29 +148,6 @@ def test_share_influence_is_the_derivative_in_a_draw_s_weight():
             ends.append(limits(weights))
         derivative = (ends[0] - ends[1]) / (2 * step)
         np.testing.assert_allclose(influence[s], derivative, atol=1e-4 * np.abs(influence).max())
-
-
-def test_share_under_the_reference_prior_is_the_classical_tolerance_interval():
-    """Cells are standardised, so that the half-width *is* the tolerance factor."""
-    counts = np.array([5, 10, 30])
-    cells = tuple(("k", f"n = {n}") for n in counts)
-    model = Unpooled(cells, counts)
-    estimands = Limits(model, share=0.99, confidence=0.95)
-    run = sample(model, estimands, Settings(tolerance=0.01, seed=3))
-    assert run.gate.passed, run.gate.reasons
-    limits = dict(
-        zip(run.estimates.names, zip(run.estimates.value, run.errors, strict=True), strict=True)
-    )
-    for n, (parameter, cell) in zip(counts, cells, strict=True):
-        wanted = {
-            "share": float(tolerance_factor(int(n), 0.99, 0.95)),
-            "mean": float(stats.t.isf(0.005, n - 1) / np.sqrt(n)),
-            "user": float(stats.t.isf(0.005, n - 1) * np.sqrt(1 + 1 / n)),
-        }
-        for kind, exact in wanted.items():
-            for side, sign in (("lower", -1), ("upper", 1)):
-                value, error = limits[f"{side} {kind} limit of {parameter} in {cell}"]
-                assert abs(value - sign * exact) < 4 * error, (n, kind, side)
 
 
 def test_settings_refuse_what_makes_no_sense():
