@@ -26,7 +26,7 @@ from percept.errors import RefusalError
 from percept.inference.classical.moments import sample
 from percept.inference.record import Family
 from percept.inference.regions import EllipseRegion
-from percept.inference.sampling.endpoints import mixture_quantile
+from percept.inference.sampling.endpoints import mixture_limits
 
 __all__ = [
     "BEYOND",
@@ -303,8 +303,7 @@ def mixture_law(mean: Array, covariance: Array, batch: Indices, family: Family) 
 
 def _quantiles(mean: Array, sd: Array, tail: float) -> Array:
     """Return the lower and the upper quantile (2, 2) of both margins of a mixture."""
-    lower, _ = mixture_quantile(mean, sd, tail, upper=False)
-    upper, _ = mixture_quantile(mean, sd, tail, upper=True)
+    lower, upper, _ = mixture_limits(mean, sd, tail)
     return np.stack([lower, upper])
 
 

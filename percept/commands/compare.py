@@ -91,28 +91,12 @@ def _run(arguments: argparse.Namespace) -> None:
 
 
 def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
-    """Compare conditions where subjects went through several, and groups of subjects otherwise."""
-    from percept.study.compare import split_by, within_subjects
-
+    """Compare the levels of a column, of conditions or of groups of subjects, in one model."""
     column = arguments.by
     if arguments.other_scene:
         raise UsageError("--by compares groups under one scene; leave --other-scene out.")
     study = open_study(arguments, progress, groups=[column])
-    in_model = any(column in term for term in study.scene.terms)
-    if in_model or within_subjects(study.sessions, column):
-        _contrasts(with_factor(study, column), column, arguments, progress)
-        return
-    groups = split_by(study.sessions, column)
-    if len(groups) > 2:
-        raise UsageError(
-            f"there are {len(groups)} groups, {', '.join(groups)}; two can be compared.",
-            column=column,
-            hint=f"Keep two in the scene: [sessions] only.{column}.",
-        )
-    first, second = (
-        _NamedStudy(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()
-    )
-    _differences(first, second, arguments, progress)
+    _contrasts(with_factor(study, column), column, arguments, progress)
 
 
 def _two_studies(arguments: argparse.Namespace, progress: Working) -> None:

@@ -1,4 +1,4 @@
-"""Two studies, groups of subjects or devices: the same intervals, and their difference."""
+"""Two studies, of other people or devices: the same intervals, and their difference."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from percept.sessions import Sessions
 from percept.sessions.quantities import trial_columns
 from percept.sessions.records import SUMMARY_COLUMNS
 from percept.study.basics import Array, Stream, generator
-from percept.study.conditions import refuse_gaps
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -54,34 +53,6 @@ class PairComparison(NotebookRecord):
     #: largest in size, and that omega, rad/s.
     curves: pd.DataFrame
     notes: tuple[str, ...] = ()  #: Why there are no differences, and what they take for granted
-
-
-def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
-    """Split a study by a column of the sessions, such as a group of subjects."""
-    refuse_gaps(sessions, column)
-    return {
-        str(value): dataclasses.replace(sessions, table=rows)
-        for value, rows in sessions.table.groupby(column, sort=False)
-    }
-
-
-def within_subjects(sessions: Sessions, column: str) -> bool:
-    """Whether some subjects are in several groups and can be paired; refuse where none can."""
-    refuse_gaps(sessions, column)
-    cells = sessions.table.groupby(["subject", "environment"], sort=False)[column].nunique()
-    groups = sessions.table.groupby("subject", sort=False)[column].nunique()
-    shared = [str(subject) for subject in groups.index[groups > 1]]
-    if shared and (cells > 1).sum() == 0:
-        raise RefusalError(
-            f"{_counted(shared)} in more than one group, and no environment was adjusted in two"
-            " groups.",
-            column=column,
-            hint=(
-                "Conditions are compared at references that they share: name environments by"
-                " reference."
-            ),
-        )
-    return bool(shared)
 
 
 def compare_studies(first: Study, second: Study) -> PairComparison:
@@ -209,28 +180,24 @@ def _same_sessions(first: Sessions, second: Sessions) -> bool:
 def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
     """Note subjects of the same name; refuse them where the studies share a file."""
     shared = [subject for subject in first.subjects if subject in set(second.subjects)]
+    if not shared:
+        return
+    named = shared[:_MOST_NAMED] + ["…"] * (len(shared) > _MOST_NAMED)
+    verb = "is" if len(shared) == 1 else "are"
+    who = f"{counted(len(shared), 'subject')} ({', '.join(named)}) {verb} in both studies"
     contents = {source.sha256 for source in second.sources}
-    files = [source.name for source in first.sources if source.sha256 in contents]
-    if shared and files:
-        raise RefusalError(
-            f"{_counted(shared)} in both studies, and intervals of two samples need different"
-            " people.",
-            file=files[0],
-            hint="Keep each subject in one of the two: [sessions] only, in a scene, chooses rows.",
-        )
-    if shared:
-        yield (
-            f"{_counted(shared)} in both studies by name, and taken for different people: if they"
-            " are the same, the intervals of the differences do not hold."
-        )
-
-
-def _counted(subjects: Sequence[str]) -> str:
-    named = list(subjects[:_MOST_NAMED])
-    if len(subjects) > _MOST_NAMED:
-        named.append("…")
-    verb = "is" if len(subjects) == 1 else "are"
-    return f"{counted(len(subjects), 'subject')} ({', '.join(named)}) {verb}"
+    for source in first.sources:
+        if source.sha256 in contents:
+            raise RefusalError(
+                f"{who}, and intervals of two samples need different people.",
+                file=source.name,
+                hint="Keep each subject in one of the two: [sessions] only, in a scene, chooses"
+                " rows.",
+            )
+    yield (
+        f"{who} by name, and taken for different people: if they are the same, the intervals of the"
+        " differences do not hold."
+    )
 
 
 def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
@@ -254,7 +221,7 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
     b = second.passed
     if a is None or b is None:
         return
-    from percept.inference.sampling.endpoints import mixture_quantile
+    from percept.inference.sampling.endpoints import mixture_limits
 
     asked = first.scene.inference
     rng = generator(asked.seed, Stream.PAIRS)
@@ -269,8 +236,7 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
         mean_b, sd_b, spread_b = _population(b, cell)[:, of_b]
         mean = (mean_b - mean_a)[:, None]
         sd = np.hypot(sd_a, sd_b)[:, None]
-        lower, _ = mixture_quantile(mean, sd, tail, upper=False)
-        upper, _ = mixture_quantile(mean, sd, tail, upper=True)
+        lower, upper, _ = mixture_limits(mean, sd, tail)
         ends = [float(lower[0]), float(mean.mean()), float(upper[0])]
         ratios = np.quantile(spread_b / spread_a, [tail, 0.5, 1.0 - tail]).tolist()
         above = float(special.ndtr(mean / sd).mean())

@@ -141,26 +141,24 @@ def chosen_contrasts(contrasts: Sequence[ContrastRow], asked: str) -> list[Contr
     return straight or turned
 
 
-#: What the limits of a contrast are when its levels change places.
-_TURNED = {
-    "lower": "upper",
-    "upper": "lower",
-    "estimate": "estimate",
-    "lower_together": "upper_together",
-    "upper_together": "lower_together",
-}
-
-
 def _turned(row: ContrastRow) -> ContrastRow:
     """Contrast the first level against the second."""
-    ends: dict[str, Any] = {}
-    for name, other in _TURNED.items():
-        value = getattr(row, other)
-        ends[name] = value
-        if value is not None:
-            ends[name] = -value if row.unit else 1.0 / value
-    if row.probability_above is not None:
-        ends["probability_above"] = 1.0 - row.probability_above
-    if row.d_z is not None:
-        ends["d_z"] = -row.d_z
-    return dataclasses.replace(row, first=row.second, second=row.first, **ends)
+
+    def turned(value: float | None) -> Any:
+        if value is None:
+            return None
+        return -value if row.unit else 1.0 / value
+
+    above = row.probability_above
+    return dataclasses.replace(
+        row,
+        first=row.second,
+        second=row.first,
+        estimate=turned(row.estimate),
+        lower=turned(row.upper),
+        upper=turned(row.lower),
+        lower_together=turned(row.upper_together),
+        upper_together=turned(row.lower_together),
+        probability_above=None if above is None else 1.0 - above,
+        d_z=None if row.d_z is None else -row.d_z,
+    )

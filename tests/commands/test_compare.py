@@ -4,9 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from percept import Scene, Study, read_sessions
 from percept.cli import main
-from percept.study.compare import compare_studies
 from tests import DATASETS
 from tests.study.within import frame, study
 from tests.unmixed import unmixed_sessions
@@ -24,8 +22,6 @@ def folder(tmp_path_factory):
     table.assign(hand=hand).to_csv(out / "all.csv", index=False)
     for name in ("left", "right"):
         table[hand == name].to_csv(out / f"{name}.csv", index=False)
-    third = np.where(table["subject"] == "S01", "both", hand)
-    table.assign(hand=third).to_csv(out / "three.csv", index=False)
     device = "[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n[frequency]\npoints = 5\n"
     (out / "scene.toml").write_text(device)
     (out / "hasty.toml").write_text("[inference]\ntolerance = 0.01\nmost_steps = 200\n")
@@ -53,20 +49,22 @@ def printed(words, capsys):
     return capsys.readouterr().out
 
 
-def test_groups_are_compared_as_files_of_their_own(folder, capsys):
-    scene = ["--scene", folder / "scene.toml", "--method", "classical"]
-    groups = json.loads(
-        printed(["compare", folder / "all.csv", *scene, "--by", "hand", "--json"], capsys)
-    )
-    plain = [*scene[2:], "--scene", folder / "light.toml"]
+def test_groups_of_a_file_differ_as_files_of_their_own_do(folder, capsys):
+    words = ["--scene", folder / "scene.toml", "--method", "classical", "--json"]
+    groups = json.loads(printed(["compare", folder / "all.csv", *words, "--by", "hand"], capsys))
+    assert (groups["factor"], groups["levels"]) == ("hand", ["left", "right"])
+    biases = {
+        (row["parameter"], row["environment"]): row
+        for row in groups["contrast"]
+        if (row["of"], row["kind"]) == ("bias", "mean")
+    }
     files = [folder / "left.csv", folder / "right.csv"]
-    apart = json.loads(printed(["compare", *files, *plain, "--json"], capsys))
-    assert groups["studies"] == {"a": "hand left", "b": "hand right"}
-    assert groups["differences"] == apart["differences"]
-    assert groups["intervals"] == apart["intervals"]
-    scene_alone = Scene().with_inference(method="classical")
-    found = compare_studies(*(Study(read_sessions(path), scene_alone) for path in files))
-    assert [row["value"] for row in apart["differences"]] == found.differences["value"].tolist()
+    apart = json.loads(printed(["compare", *files, *words], capsys))
+    assert len(apart["differences"]) == 4
+    for row in apart["differences"]:
+        bias = biases[row["parameter"], row["environment"]]
+        ends = [bias["lower"], bias["estimate"], bias["upper"]]
+        assert ends == pytest.approx([row["lower"], row["value"], row["upper"]], rel=1e-9)
 
 
 def test_two_devices_differ_in_curves_only(folder, capsys):
@@ -171,7 +169,6 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["three.csv", "--scene", "scene.toml", "--by", "hand"], 2, "3 groups, both, left, right"),
         (
             ["all.csv", "--scene", "scene.toml", "--by", "foot"],
             2,
@@ -182,8 +179,8 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
         (["all.csv", "--method", "classical"], 1, "only the classical method was asked for"),
         (
             ["within.csv", "--scene", "scene.toml", "--by", "hand"],
-            1,
-            "column 'hand': 10 subjects (S01, S02, ",
+            2,
+            "'hand': says nothing that the environments",
         ),
         (
             ["all.csv", "--scene", "first.toml", "--other-scene", "last.toml"],

@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept import RefusalError, Scene, Study, UsageError
 from percept.inference.model.laws import Moments
 from percept.sessions import ReadOptions, Sessions
-from percept.study.compare import compare_studies, split_by
+from percept.study.compare import compare_studies
+from percept.study.conditions import by_level
 from percept.study.fit import Fit
-from tests import DATASETS
 from tests.documents import build_document
 
 
@@ -53,21 +53,16 @@ def test_limits_of_a_difference_are_welch_s_and_those_of_a_ratio_of_spreads_fish
     np.testing.assert_allclose([row.spread_lower, row.spread_upper], np.sqrt(fisher), rtol=1e-9)
 
 
-def test_published_limits_and_blank_groups_are_not_divided():
-    table = read_sessions(DATASETS / "hbfd_table1.csv")
-    with pytest.raises(
-        UsageError, match="column 'environment': published limits have no subjects to divide"
-    ):
-        split_by(table, "environment")
+def test_blank_levels_are_named_with_their_row():
     frame = sessions("A").table.assign(hand=["L", "R", "L", "", "R"])
     options = ReadOptions.from_mapping({"sessions": {"groups": ["hand"]}})
     whole = Sessions.from_frame(frame, scene=options)
     with pytest.raises(UsageError, match=r"<frame>:5, column 'hand': 1 row without a value"):
-        split_by(whole, "hand")
+        by_level(whole, ["hand"])
     # Of a part of the table the labels are those of the whole.
     some = dataclasses.replace(whole, table=whole.table.iloc[2:])
     with pytest.raises(UsageError, match=r"<frame>:5, column 'hand'"):
-        split_by(some, "hand")
+        by_level(some, ["hand"])
 
 
 def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
@@ -139,17 +134,6 @@ def log_spreads(fit: Fit, cell: tuple[str, str]) -> np.ndarray:
     """Logs of a cell's SD between users over all kept draws, in order."""
     laws = Moments.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
     return np.sort(np.log(laws.population_sd[:, fit.model.cells.index(cell)]))
-
-
-def test_groups_are_split_by_a_column(fitted: Study) -> None:
-    table = fitted.sessions.table.copy()
-    table["group"] = np.where(table["subject"] < "S06", "first", "second")
-    parts = split_by(dataclasses.replace(fitted.sessions, table=table), "group")
-    assert [len(part.subjects) for part in parts.values()] == [5, 5]
-    with pytest.raises(UsageError, match="no such column"):
-        split_by(fitted.sessions, "team")
-    with pytest.raises(UsageError, match="nothing to compare"):
-        split_by(dataclasses.replace(fitted.sessions, table=table.assign(group="one")), "group")
 
 
 def test_studies_that_cannot_be_compared(fitted: Study) -> None:

@@ -9,11 +9,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept import Scene, Study, UsageError, read_sessions
 from percept.report.contrast import contrast_sentences
 from percept.report.tables import csv_tables
-from percept.sessions import ReadError, ReadOptions, Sessions
-from percept.study.compare import within_subjects
+from percept.sessions import ReadError, Sessions
 from percept.study.conditions import by_level
 from tests import DATASETS
 from tests.documents import as_results, build_document, page_of
@@ -275,18 +274,6 @@ def test_factors_that_cannot_be_told_apart_are_refused():
     mixed = frame(levels=("b) (c", "c")).replace({"environment": names})
     with pytest.raises(UsageError, match="two cells would have the name"):
         study(mixed)
-
-
-def test_groups_share_subjects_at_references_they_share():
-    options = ReadOptions().with_groups(["hand"])
-    assert within_subjects(Sessions.from_frame(frame(), scene=options), "hand")
-    apart = frame().query("(environment == 'VE1') == (hand == 'left')")
-    with pytest.raises(
-        RefusalError, match=r"8 subjects .* no environment was adjusted in two groups"
-    ):
-        within_subjects(Sessions.from_frame(apart, scene=options), "hand")
-    different = frame().query("(subject < 'S4') == (hand == 'left')")
-    assert not within_subjects(Sessions.from_frame(different, scene=options), "hand")
 
 
 def test_the_page_has_a_section_of_the_factor():

@@ -19,7 +19,7 @@ from scipy import optimize, special
 
 from percept.inference.model.laws import Moments
 from percept.inference.model.model import Model
-from percept.inference.sampling.endpoints import mixture_quantile, share_half_width
+from percept.inference.sampling.endpoints import mixture_limits, share_half_width
 from percept.inference.sampling.gate import Estimates
 
 __all__ = ["KINDS", "Combinations", "Limits", "level_together", "limits_of"]
@@ -105,10 +105,7 @@ class Limits:
         sd = moments.sd
         if kind == "user":
             sd = np.hypot(moments.sd, moments.population_sd)
-        tail = 0.5 * (1.0 - self.level)
-        lower, on_lower = mixture_quantile(moments.mean, sd, tail, upper=False)
-        upper, on_upper = mixture_quantile(moments.mean, sd, tail, upper=True)
-        return lower, upper, np.hstack([on_lower, on_upper])
+        return mixture_limits(moments.mean, sd, 0.5 * (1.0 - self.level))
 
     def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
         """Limits of one kind after another, with their influence; the scale is the half-width."""
@@ -184,8 +181,7 @@ def level_together(
     def excess(score: float) -> float:
         """Share of draws with a quantity outside, less what is allowed."""
         tail = float(special.ndtr(-score))
-        lower, _ = mixture_quantile(mean, sd, tail, upper=False)
-        upper, _ = mixture_quantile(mean, sd, tail, upper=True)
+        lower, upper, _ = mixture_limits(mean, sd, tail)
         leaves = (values < lower) | (values > upper)
         return float(leaves.any(axis=1).mean()) - outside
 

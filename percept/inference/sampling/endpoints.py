@@ -35,7 +35,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from percept.roots import root
 
-__all__ = ["mixture_quantile", "share_content", "share_half_width"]
+__all__ = ["mixture_limits", "mixture_quantile", "share_content", "share_half_width"]
 
 Array = NDArray[np.float64]
 
@@ -88,6 +88,13 @@ def mixture_quantile(
     residual = mixture.beyond - mixture.mean_beyond[:, None]
     influence = residual * (sign / mixture.density)[:, None]
     return sign * quantile, influence.T
+
+
+def mixture_limits(mean: Array, sd: Array, tail: float) -> tuple[Array, Array, Array]:
+    """Lower and upper quantile (Q,) with a tail beyond each, and their influences (S, 2 Q)."""
+    lower, on_lower = mixture_quantile(mean, sd, tail, upper=False)
+    upper, on_upper = mixture_quantile(mean, sd, tail, upper=True)
+    return lower, upper, np.hstack([on_lower, on_upper])
 
 
 def _as_rows(draws: Array) -> Array:

@@ -28,7 +28,7 @@ from percept.inference.model.laws import Moments
 from percept.inference.model.model import LinearModel
 from percept.inference.model.predictions import trend_rows
 from percept.inference.model.subjects import cells_of_subjects
-from percept.inference.sampling.endpoints import mixture_quantile
+from percept.inference.sampling.endpoints import mixture_limits
 from percept.results import PsychophysicsRow
 from percept.results.psychophysics import Measure
 from percept.study.basics import Array, Stream, generator
@@ -68,12 +68,10 @@ class DrawLimits:
 
     def of_laws(self, laws: Moments) -> list[Bounded]:
         """Bound what is normal given each draw, (S, L), by roots of mixtures."""
-        tail = 0.5 * (1.0 - self.level)
-        lower, influence_on_lower = mixture_quantile(laws.mean, laws.sd, tail, upper=False)
-        upper, influence_on_upper = mixture_quantile(laws.mean, laws.sd, tail, upper=True)
-        pulls = np.maximum(influence_on_lower.std(axis=0), influence_on_upper.std(axis=0))
+        lower, upper, influence = mixture_limits(laws.mean, laws.sd, 0.5 * (1.0 - self.level))
+        pulls = influence.std(axis=0).reshape(2, -1)
+        error = pulls.max(axis=0) / math.sqrt(self.effective)
         estimate = laws.mean.mean(axis=0)
-        error = pulls / math.sqrt(self.effective)
         columns = [estimate, lower, upper, error]
         by_law = np.stack(columns, axis=1).tolist()
         return [Bounded(*numbers) for numbers in by_law]
