@@ -15,7 +15,6 @@ from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from percept.errors import RefusalError
 
@@ -28,11 +27,15 @@ _RIDGE = 1e-10
 _MOST_NAMED = 4
 #: A log density of points (N, d), shape (N,).
 Density = Callable[[Array], Array]
-#: Largest slope of the log density along a coordinate at which the mode is found. Draws have slopes
-#: of about one.
-_LEVEL = 0.01
-#: Minus the log density of a point that is impossible.
-_IMPOSSIBLE = 1e10
+#: Newton steps at most. Studies of 14 to 34 coordinates take 7 to 11; more would hint at a ridge,
+#: of which the sampler finds the rest.
+_MOST_STEPS = 30
+#: Lengths that are tried of a Newton step, each half the one before: down to 1/2048 of it. All are
+#: tried in one call of the density.
+_LENGTHS = 12
+#: Rise of the log density by a step below which the mode is found. The log density of draws lies
+#: about d/2 below its mode, so that a thousandth moves no draw.
+_SMALL_RISE = 1e-3
 #: Step of finite differences, where coordinates have unit scale. A larger one sees the third and
 #: fourth derivatives: their error grows with its square. A smaller one sees rounding, which grows
 #: with the inverse square: here to about 1e-9 of curvature for log densities of a thousand.
@@ -46,6 +49,9 @@ _LEAST_CURVATURE = 0.25
 #: Largest curvature that is believed: an SD of a thousandth. A larger one would be the edge of an
 #: impossible region.
 _MOST_CURVATURE = 1e6
+#: Share of the product of two lengths below which a scalar product of the vectors is rounding: some
+#: thousand times the rounding of one number.
+_ROUNDING = 1e-12
 
 
 class Target(Protocol):
@@ -134,8 +140,10 @@ class Transported:
 def find_mode(density: Density, start: Array) -> tuple[Array, Array]:
     """Climb to a mode, and measure the covariance that the curvature there gives.
 
-    Gradients are central differences. The curvature is measured at the mode alone: pairs of
-    coordinates take most density values.
+    Newton steps with gradients by central differences, each shortened to the length that raises the
+    density most. The curvature begins as that along each coordinate alone. Every step then corrects
+    it by how the gradient changed (Broyden, Fletcher, Goldfarb and Shanno, 1970). It is measured in
+    full at the mode alone: pairs of coordinates take most density values.
 
     Parameters
     ----------
@@ -151,22 +159,56 @@ def find_mode(density: Density, start: Array) -> tuple[Array, Array]:
     covariance : ndarray
         Shape (d, d), with SDs from 0.001 to 2 along its axes.
     """
+    point = start
+    at_start = density(point[None])
+    value = float(at_start[0])
+    lengths = 0.5 ** np.arange(_LENGTHS)
+    first = _derivatives(density, point, paired=False)
+    gradient = first.gradient
+    precision = -first.hessian
+    for _ in range(_MOST_STEPS):
+        step = _limited_inverse(precision) @ gradient
+        trials = point + lengths[:, None] * step
+        values = density(trials)
+        best = int(np.argmax(values))
+        if not values[best] > value:
+            break
+        rise = values[best] - value
+        move = trials[best] - point
+        point = trials[best]
+        value = float(values[best])
+        if rise < _SMALL_RISE:
+            break
+        before = gradient
+        gradient = _derivatives(density, point, paired=False).gradient
+        precision = _corrected(precision, move, before - gradient)
+    paired = point.size <= _MOST_PAIRED
+    at_mode = _derivatives(density, point, paired=paired)
+    return point, _limited_inverse(-at_mode.hessian)
 
-    def descent(point: Array) -> tuple[float, Array]:
-        here = _derivatives(density, point, paired=False)
-        # The search knows no infinities: an impossible point is merely very unlikely.
-        return min(-here.value, _IMPOSSIBLE), -here.gradient
 
-    found = optimize.minimize(descent, start, jac=True, method="BFGS", options={"gtol": _LEVEL})
-    at_mode = _derivatives(density, found.x, paired=start.size <= _MOST_PAIRED)
-    return found.x, _limited_inverse(-at_mode.hessian)
+def _corrected(precision: Array, move: Array, fall: Array) -> Array:
+    """Change a precision (d, d) as little as makes it explain the fall of the gradient on a move.
+
+    Gradients are of the log density, so that its precision times the move is the fall (d,).
+    """
+    length = float(np.linalg.norm(move))
+    along = float(fall @ move)
+    if along <= _ROUNDING * length * float(np.linalg.norm(fall)):
+        # The density is not concave here, and a precision cannot be negative.
+        return precision
+    expected = precision @ move
+    expected_along = float(expected @ move)
+    # A precision that expected no fall along the move holds nothing to take away.
+    if abs(expected_along) > _ROUNDING * length * float(np.linalg.norm(expected)):
+        precision = precision - np.outer(expected, expected) / expected_along
+    return precision + np.outer(fall, fall) / along
 
 
 @dataclass(frozen=True, eq=False)
 class _Derivatives:
-    """A log density and its derivatives at a point."""
+    """Derivatives of a log density at a point."""
 
-    value: float
     gradient: Array  # (d,)
     hessian: Array  # (d, d) Diagonal where pairs of coordinates were not measured
 
@@ -199,7 +241,6 @@ def _derivatives(density: Density, point: Array, *, paired: bool) -> _Derivative
     hessian[columns, rows] = mixed
     # At the edge of the impossible the differences are infinite and say nothing.
     return _Derivatives(
-        value=float(centre),
         gradient=np.nan_to_num(gradient, posinf=0.0, neginf=0.0),
         hessian=np.nan_to_num(hessian, posinf=0.0, neginf=0.0),
     )

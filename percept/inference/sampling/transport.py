@@ -1,19 +1,22 @@
 """A fitted change of coordinates that makes a sample look standard normal.
 
-Two layers lead from standard coordinates z over y to the target's x:
+Three layers lead from standard coordinates z over y to the target's x:
 
-    all coordinates together      y = L z
+    drivers, one after another    y_i = m_i(f) + exp(s_i(f)) z_i
+    all others, together          y_j = m_j(f) + exp(s_j(f)) (L z)_j
     each coordinate by itself     x_i = S_i(y_i)
 
-L is a lower factor of a correlation matrix, and S_i an increasing spline (`margins`). The log
-Jacobian is the sum of log diag(L) and of log S_i'.
+A driver is one of the few coordinates whose value widens others or bends their mean. The features f
+are 1 and, of every driver d that comes before, y_d and y_d² - 1. Means m and log scales s are
+linear in f, and s leaves the squares out. L is a lower factor of the others' covariance, and S_i an
+increasing spline. The log Jacobian is the sum of all s, of log diag(L) and of log S_i'.
 
 The map assumes nothing of the target but a sample, and any such map is exact: a poor fit costs
 steps of the sampler, not accuracy. Walkers live at z, so that only this direction is ever needed.
 
-A fit goes the other way: the sample's normal scores stand for y. Both layers keep only what stands
-out of chance. Further layers, in which some coordinates bend or widen others, gain a tenth in
-autocorrelation times: the model's own coordinates leave them little to do.
+A fit goes the other way. The sample's normal scores stand for y. `_find_drivers` chooses drivers by
+third moments, `_regress` fits m and s, and `_factor` fits L. All three keep only what stands out of
+chance.
 """
 
 from __future__ import annotations
@@ -25,50 +28,154 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.inference.sampling.diagnostics import normal_scores
 from percept.inference.sampling.margins import Spline
 
 __all__ = ["Transport"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
+#: Most drivers: they are mapped one after another, all others at once, which is faster.
+_MOST_DRIVERS = 6
+#: Standard errors that a bend or a widening must have to be believed. Chance passes one in 3,000
+#: pairs of coordinates, and one in 16,000 coefficients.
+_SIGNIFICANT = 4.0
 #: Standard errors within which a correlation may count as none. Chance leaves six once in 500
 #: million pairs: no sample needs a higher level.
 _NOISE_LEVELS = np.arange(2.0, 6.5, 0.5)
 #: Largest fraction of the correlations kept that may be chance: most are real then.
 _MOST_BY_CHANCE = 0.5
+#: Relative difference below which two effects are equal but for rounding.
+_EQUAL = 1e-9
+#: Steps of the fit of log scales: Newton's method has settled by then.
+_LOG_SCALE_STEPS = 5
+#: Most that a coefficient of a log scale changes in one step: a sample in a few clumps would send
+#: the first step far.
+_LONGEST_STEP = 0.5
 #: Correlations that have no factor are multiplied by this until they have one: each was shrunk by
 #: itself, and together they may fit no joint law.
 _SHRINKAGE = 0.9
+#: Points are mapped in multiples of this number. Matrix products work in blocks, and would sum what
+#: is left over in another order: the last bits of a point would depend on how many there are.
+_POINT_MULTIPLE = 32
 #: Points mapped at a time: their temporaries stay in the processor's cache.
 _MOST_POINTS = 1024
+#: SDs beyond which a driver's effect stays what it is: few draws lie there to fit it by.
+_CLIP = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Transport:
-    """Map from standard coordinates to a target's d."""
+    """Map from standard coordinates to a target's, with K drivers of d coordinates.
 
-    factor: Array  # (d, d) Lower factor L
+    Means and log scales are linear in 2 K + 1 features: one, and each driver with its square.
+    """
+
+    drivers: Indices  # (K,) In the order in which they follow one another
+    others: Indices  # (d - K,)
+    mean: Array  # (d, 2 K + 1) Coefficients of each coordinate's mean on the features
+    log_scale: Array  # (d, 2 K + 1) Coefficients of the log of its spread
+    factor: Array  # (d - K, d - K) Lower factor of the covariance of the others' remainders
     spline: Spline  # Layer of the single coordinates
 
     @classmethod
     def fit(cls, points: Array) -> Self:
         """Fit to a sample (N, d), N well above d, whose quarters are independent of one another."""
-        scores = normal_scores(points)
-        effective = _effective_draws(scores)
-        return cls(_factor(scores, effective), Spline.fit(points, effective))
+        size = points.shape[1]
+        y = _normal_scores(points)
+        effective = _effective_draws(y)
+        drivers = _find_drivers(y, effective)
+        others = np.setdiff1d(np.arange(size), drivers)
+        features = _features(y[:, drivers])
+        mean = np.zeros((size, features.shape[1]))
+        log_scale = np.zeros_like(mean)
+        for k, i in enumerate(drivers):
+            first = 2 * k + 1  # Features of the drivers before this one
+            follower = _regress(features[:, :first], y[:, [i]], effective)
+            mean[i, :first] = follower.mean[0]
+            log_scale[i, :first] = follower.log_scale[0]
+        followers = _regress(features, y[:, others], effective)
+        mean[others] = followers.mean
+        log_scale[others] = followers.log_scale
+        factor = _factor(followers.remainder, effective)
+        spline = Spline.fit(points, effective)
+        return cls(drivers, others, mean, log_scale, factor, spline)
 
     def __call__(self, z: Array) -> tuple[Array, Array]:
         """Map points (N, d) and return them with log abs det of the Jacobian, shape (N,)."""
+        if len(z) > _MOST_POINTS:
+            starts = range(0, len(z), _MOST_POINTS)
+            parts = [self(z[start : start + _MOST_POINTS]) for start in starts]
+            points = np.concatenate([part for part, _ in parts])
+            log_jacobians = np.concatenate([part for _, part in parts])
+            return points, log_jacobians
+        count, size = z.shape
+        columns = np.zeros((size, count + -count % _POINT_MULTIPLE))
+        columns[:, :count] = z.T
+        y = np.empty_like(columns)
         log_determinant = np.log(np.diag(self.factor)).sum()
-        points = np.empty_like(z)
-        log_jacobians = np.empty(len(z))
-        for start in range(0, len(z), _MOST_POINTS):
-            part = slice(start, start + _MOST_POINTS)
-            x, log_slopes = self.spline(self.factor @ z[part].T)
-            points[part] = x.T
-            log_jacobians[part] = log_slopes + log_determinant
-        return points, log_jacobians
+        log_jacobian = np.full(columns.shape[1], log_determinant)
+        features = self._map_drivers(columns, y, log_jacobian)
+        self._map_others(columns, y, features, log_jacobian)
+        x, log_slope = self.spline(y)
+        log_jacobian = log_jacobian + log_slope
+        return x[:, :count].T, log_jacobian[:count]
+
+    def _map_drivers(self, z: Array, y: Array, log_jacobian: Array) -> Array:
+        """Fill in the drivers' rows of y, add to the log Jacobian, and return the features."""
+        size = self.mean.shape[1]
+        features = np.ones((size, z.shape[1]))
+        for k, i in enumerate(self.drivers):
+            first = 2 * k + 1  # Features of the drivers before this one
+            of_mean = self.mean[i, :first]
+            of_log_scale = self.log_scale[i, :first]
+            coefficients = np.stack([of_mean, of_log_scale])
+            mean, log_scale = coefficients @ features[:first]
+            log_jacobian += log_scale
+            scale = np.exp(log_scale, out=log_scale)
+            scale *= z[i]
+            np.add(scale, mean, out=y[i])
+            driver = np.clip(y[i], -_CLIP, _CLIP, out=features[first])
+            square = np.square(driver, out=features[first + 1])
+            square -= 1.0
+        return features
+
+    def _map_others(
+        self,
+        z: Array,
+        y: Array,
+        features: Array,
+        log_jacobian: Array,
+    ) -> None:
+        """Fill in the rows of y of all that follow the drivers, and add to the log Jacobian."""
+        of_mean = self.mean[self.others]
+        of_log_scale = self.log_scale[self.others]
+        coefficients = np.concatenate([of_mean, of_log_scale])
+        mean, log_scale = np.split(coefficients @ features, 2)
+        log_jacobian += log_scale.sum(axis=0)
+        following = np.exp(log_scale, out=log_scale)
+        following *= self.factor @ z[self.others]
+        following += mean
+        y[self.others] = following
+
+
+def _normal_scores(points: Array) -> Array:
+    """Replace the values of every column (N, d) by normal scores of their ranks."""
+    draws = len(points)
+    scores = special.ndtri((np.arange(draws) + 0.5) / draws)
+    y = np.empty_like(points)
+    order = np.argsort(points, axis=0)
+    np.put_along_axis(y, order, scores[:, None], axis=0)
+    return y
+
+
+def _features(drivers: Array) -> Array:
+    """Return 1, then each driver and its square less one, (N, 2 K + 1), from drivers (N, K)."""
+    draws = len(drivers)
+    clipped = np.clip(drivers, -_CLIP, _CLIP)
+    pairs = np.stack([clipped, clipped**2 - 1.0], axis=2)
+    ones = np.ones((draws, 1))
+    return np.hstack([ones, pairs.reshape(draws, -1)])
 
 
 def _effective_draws(y: Array) -> float:
@@ -87,15 +194,152 @@ def _effective_draws(y: Array) -> float:
     return float(min(len(y), 4.0 / variance))
 
 
-def _factor(scores: Array, effective: float) -> Array:
-    """Lower factor of the correlations of scores (N, d), shrunk towards zero.
+def _find_drivers(y: Array, effective: float) -> Indices:
+    """Choose the coordinates that bend or widen others, strongest first.
+
+    Let m_ij = E[y_i (y_j² - 1)]. These third moments are zero for a joint normal law, whatever its
+    correlations: normal scores are symmetric. Where y_j bends y_i, whose mean then follows y_j²,
+    m_ij is not zero. Where y_j widens y_i, whose variance then follows y_j, m_ji is not zero. The
+    effect of the pair is m_ij² + m_ji². The driver is the one with more effect over all pairs.
+    """
+    y = np.clip(y, -_CLIP, _CLIP)
+    moment = y.T @ (y * y - 1.0) / len(y)
+    effect = moment**2 + moment.T**2
+    # If y_i and y_j are independent, y_i (y_j² - 1) has variance 1 · 2, and m_ij 2/N.
+    chance = effect * effective < 2.0 * _SIGNIFICANT**2
+    effect[chance] = 0.0
+    np.fill_diagonal(effect, 0.0)
+    chosen: list[int] = []
+    for _ in range(_MOST_DRIVERS):
+        total = effect.sum(axis=0)
+        # Ties are broken by index: rounding must not choose.
+        largest = total >= (1.0 - _EQUAL) * total.max()
+        best = int(np.argmax(largest))
+        if not effect[:, best].any():
+            break
+        chosen.append(best)
+        effect[:, best] = 0.0
+        effect[best, :] = 0.0
+    return np.array(chosen, dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class _Regression:
+    """How C columns follow F features."""
+
+    mean: Array  # (C, F) Coefficients of the means; those that are not significant are zero
+    log_scale: Array  # (C, F) Coefficients of the log spreads, likewise
+    remainder: Array  # (N, C) What is left, in spreads
+
+
+def _regress(features: Array, y: Array, effective: float) -> _Regression:
+    """Regress the mean and log spread of columns y (N, C) on features (N, F), F odd."""
+    gram = features.T @ features
+    # Errors of dependent draws over errors of as many independent ones.
+    error_ratio = np.sqrt(len(y) / effective)
+    mean = _regress_mean(features, gram, y, error_ratio)
+    residual = y - features @ mean
+    # Log spreads follow the drivers and not their squares.
+    linear = np.r_[0, 1 : features.shape[1] : 2]
+    drivers = np.ascontiguousarray(features[:, linear])
+    information = 2.0 * gram[np.ix_(linear, linear)]  # See `_fit_log_scale`
+    log_scale = np.zeros_like(mean)
+    log_scale[0] = np.log(residual.std(axis=0))
+    standard = residual * np.exp(-log_scale[0])
+    kept = _widened(drivers, standard, error_ratio)
+    is_constant = kept.sum(axis=0) == 1
+    widened = np.flatnonzero(~is_constant)
+    if widened.size:
+        columns = residual[:, widened]
+        fitted = _fit_log_scale(
+            drivers, information, columns, log_scale[0, widened], kept[:, widened]
+        )
+        log_scale[np.ix_(linear, widened)] = fitted
+        residual[:, widened] = columns * np.exp(-drivers @ fitted)
+    residual[:, is_constant] *= np.exp(-log_scale[0, is_constant])
+    return _Regression(mean.T, log_scale.T, residual)
+
+
+def _regress_mean(
+    features: Array,
+    gram: Array,
+    y: Array,
+    error_ratio: float,
+) -> Array:
+    """Coefficients (F, C) of the columns' means on features; only significant ones are fitted."""
+    right = features.T @ y
+    coefficients = np.linalg.solve(gram, right)
+    residual_sd = (y - features @ coefficients).std(axis=0)
+    unit_variance = np.diag(np.linalg.inv(gram))
+    error = residual_sd * np.sqrt(unit_variance)[:, None]
+    kept = np.abs(coefficients) > _SIGNIFICANT * error_ratio * error
+    kept[0] = True
+    return _solve_kept(gram, right, kept)
+
+
+def _widened(
+    drivers: Array,
+    standard: Array,
+    error_ratio: float,
+) -> NDArray[np.bool_]:
+    """Say which drivers (1, then K) widen which columns (N, C) of unit spread.
+
+    Driver x widens column e if |sum of x (e² - 1)| exceeds its noise, whose variance is
+    N E[x²] Var(e²) if x and e are independent.
+    """
+    square = standard**2
+    driver_square = (drivers**2).mean(axis=0)[:, None]
+    variance = len(drivers) * square.var(axis=0) * driver_square
+    noise = np.sqrt(variance)
+    effect = np.abs(drivers.T @ (square - 1.0))
+    widens = effect > _SIGNIFICANT * error_ratio * noise
+    widens[0] = True
+    return np.asarray(widens)
+
+
+def _fit_log_scale(
+    drivers: Array,
+    information: Array,
+    residual: Array,
+    start: Array,
+    kept: NDArray[np.bool_],
+) -> Array:
+    """Fit the coefficients c of log spreads of columns (N, C) by scoring, from constants (C,).
+
+    A residual e at drivers x is normal with log spread x·c: its log density is -x·c - q/2 with
+    q = e² exp(-2 x·c). The gradient in c is the sum of x (q - 1). The expected information is twice
+    the sum of x xᵀ, as E[q] = 1. Scoring is Newton's method with that expectation in place of the
+    Hessian: each step is information⁻¹ gradient.
+    """
+    coefficients = np.zeros(kept.shape)
+    coefficients[0] = start
+    for _ in range(_LOG_SCALE_STEPS):
+        square = (residual * np.exp(-drivers @ coefficients)) ** 2
+        step = _solve_kept(information, drivers.T @ (square - 1.0), kept)
+        coefficients += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+    return coefficients
+
+
+def _solve_kept(gram: Array, right: Array, keep: NDArray[np.bool_]) -> Array:
+    """Solve each column of right (F, C) for its kept unknowns (F, C); the others are zero."""
+    solved = np.zeros_like(right)
+    for column, kept in enumerate(keep.T):
+        matrix = gram[np.ix_(kept, kept)]
+        solved[kept, column] = np.linalg.solve(matrix, right[kept, column])
+    return solved
+
+
+def _factor(remainder: Array, effective: float) -> Array:
+    """Lower factor of the covariance of remainders (N, C), its correlations shrunk towards zero.
 
     A sample of few independent draws has as many chance correlations as pairs, and together they
     would make a worse map than none. A correlation r with standard error 1/sqrt(N) lies |r| sqrt(N)
     errors from zero. With noise level t it becomes r max(1 - t²/(N r²), 0): zero within t errors,
     and nearly r far beyond.
     """
-    correlation = np.atleast_2d(np.corrcoef(scores.T))
+    covariance = remainder.T @ remainder / len(remainder)
+    sd = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sd, sd)
     # The floor is zero for all purposes but the division below.
     square = effective * np.maximum(correlation**2, 1e-300)
     noise = _noise_level(square[np.triu_indices(len(square), 1)])
@@ -104,9 +348,10 @@ def _factor(scores: Array, effective: float) -> Array:
         np.fill_diagonal(correlation, 1.0)
         try:
             factor = np.linalg.cholesky(correlation)
-            return np.asarray(factor)
         except np.linalg.LinAlgError:
             correlation *= _SHRINKAGE
+            continue
+        return np.asarray(sd[:, None] * factor)
 
 
 def _noise_level(squares: Array) -> float:
