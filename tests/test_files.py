@@ -62,19 +62,6 @@ def test_an_error_while_writing_leaves_what_was_there(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_only_old_leftovers_of_ours_are_removed(tmp_path):
-    for name in (".percept-unfinished-old", ".percept-unfinished-new", ".mine"):
-        (tmp_path / name).write_text("")
-    for name in (".percept-unfinished-old", ".mine"):
-        os.utime(tmp_path / name, (1e9, 1e9))
-    write_whole(tmp_path / "a.txt", b"x")
-    assert sorted(p.name for p in tmp_path.iterdir()) == [
-        ".mine",
-        ".percept-unfinished-new",
-        "a.txt",
-    ]
-
-
 @posix
 def test_one_holds_a_folder_alone(tmp_path):
     with (
@@ -95,17 +82,6 @@ def test_a_lock_ends_with_its_process(tmp_path):
     assert ran.returncode < 0
     with exclusive(tmp_path, wait=False):
         pass
-
-
-@posix
-def test_a_lock_that_is_never_given_back_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("percept.files._PATIENCE", 0.2)
-    with (
-        exclusive(tmp_path),
-        pytest.raises(UsageError, match="another run is writing into it"),
-        exclusive(tmp_path),
-    ):
-        raise AssertionError("held alone twice")
 
 
 @posix
@@ -203,12 +179,6 @@ def test_a_folder_of_other_files_is_refused_before_anything_is_made(tmp_path, na
     # Now the folder is percept's.
     fill(tmp_path, "page.html", text="again")
     assert found(tmp_path) == {**before, "page.html": "page.html again"}
-
-
-def test_hidden_files_make_no_folder_foreign(tmp_path):
-    (tmp_path / ".hidden").write_text("mine")
-    fill(tmp_path, "page.html")
-    assert found(tmp_path) == {".hidden": "mine", "page.html": "page.html of the program"}
 
 
 def test_a_file_that_somebody_else_puts_there_meanwhile_is_refused_at_the_end(tmp_path):

@@ -101,40 +101,6 @@ def test_a_study_without_an_answer_failed_and_a_later_run_tries_it_again(studies
     assert (again.skipped, again.counts, again.failures) == (1, {"done": 2}, [])
 
 
-def test_a_line_cut_short_costs_its_study_a_second_analysis(studies, tmp_path, capsys):
-    words = ["batch", *studies[:2], "--method", "classical", "--workers", "1"]
-    words += ["--out", str(tmp_path / "out")]
-    assert main(words) == 0
-    table = tmp_path / "out" / "batch.csv"
-    before = table.read_bytes()
-    kept = tmp_path / "out" / "finished.jsonl"
-    kept.write_bytes(kept.read_bytes()[:-100])
-    capsys.readouterr()
-    assert main(words) == 0
-    told = capsys.readouterr()
-    assert told.out.splitlines()[0] == "2 studies (2 done): 1 finished before, 1 now"
-    assert table.read_bytes() == before
-
-
-def test_a_folder_that_percept_did_not_mark_is_not_written_into(studies, tmp_path):
-    table = tmp_path / "out" / "batch.csv"
-    table.parent.mkdir()
-    table.write_text("mine")
-    message = r"the folder holds what percept did not write, such as batch\.csv.*--force"
-    with pytest.raises(UsageError, match=message):
-        batch(studies[:1], table.parent, in_process)
-    assert [path.name for path in table.parent.iterdir()] == ["batch.csv"]
-    assert batch(studies[:1], table.parent, in_process, force=True).table == table
-    assert batch(studies[:1], table.parent, in_process).skipped == 1
-
-
-def test_a_file_of_something_else_in_its_place_is_refused(studies, tmp_path):
-    (tmp_path / ".percept").write_text("")
-    (tmp_path / "finished.jsonl").write_text("mine\n")
-    with pytest.raises(UsageError, match=r"finished\.jsonl:1: not a line of analysed studies"):
-        batch(studies[:1], tmp_path, in_process)
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
 def test_a_second_batch_is_told_to_wait(studies, tmp_path):
     out = tmp_path / "out"

@@ -73,14 +73,6 @@ def test_users_about_the_wall_feel_it_and_far_ones_do_not():
     assert (far.probability, judge(far.probability, DECISION)) == (0.0, "does not")
 
 
-def test_few_subjects_are_too_little_data():
-    vague = populations(1.0, 0.2, spread=1.5)
-    evidence = feels_real(DISPLAY, vague, OMEGA, central=LEVEL, decision=DECISION)
-    assert judge(evidence.probability, DECISION) == "too little data"
-    assert evidence.probability <= min(evidence.magnitude, evidence.plane)
-    assert evidence.magnitude <= evidence.lowest
-
-
 def test_a_wider_boundary_is_no_evidence():
     # The wall lies three SDs off. Better data of the same users settle it; worse ones do not.
     probabilities = [
@@ -136,10 +128,3 @@ def test_three_outcomes():
     assert judge(0.95, DECISION) == "feels real"
     assert judge(0.05, DECISION) == "does not"
     assert judge(0.949, DECISION) == judge(0.051, DECISION) == "too little data"
-
-
-def test_the_grid_is_dense_at_resonances():
-    resonance = np.array([30.0])
-    grid = search_grid(0.1, 100.0, resonance, np.array([1e-3]))
-    assert (grid[0], grid[-1]) == (0.1, 100.0)
-    assert np.count_nonzero(np.abs(grid / 30.0 - 1.0) < 5e-3) >= 9

@@ -3,7 +3,6 @@ other."""
 
 import numpy as np
 import pytest
-from scipy import special
 
 from percept.boundary.shares import DiscIntegral, Users, share_within
 from percept.haptics import Device, Loop
@@ -60,20 +59,3 @@ def test_both_orders_of_integration_agree(log):
     first = share_within(column, plane, radius, DiscIntegral(0, 384))
     second = share_within(column, plane, radius, DiscIntegral(1, 1200))
     np.testing.assert_allclose(first, second, rtol=0.0, atol=1e-6)
-
-
-def test_central_ranges_hold_their_level():
-    boxes = users(log=True).central_ranges(0.9)
-    edge = special.ndtri(0.95)
-    np.testing.assert_allclose(
-        np.log(boxes.stiffness.high) - np.log([500.0, 520.0]), edge * np.array([0.1, 20.0 / 520.0])
-    )
-    assert np.all(boxes.damping.low < boxes.damping.high)
-
-
-def test_means_and_covariances_make_users():
-    covariance = np.array([[[4.0, 1.2], [1.2, 1.0]]])
-    made = Users.of(np.array([[5.0, 6.0]]), covariance, log=False)
-    assert made.mean.tolist() == [[5.0], [6.0]]
-    assert made.sd.tolist() == [[2.0], [1.0]]
-    assert made.correlation == pytest.approx(0.6)

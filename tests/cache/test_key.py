@@ -104,11 +104,6 @@ def test_what_moves_no_number_leaves_the_key(tmp_path):
     assert question(path, resolution={"k": 1.0}) == first
 
 
-def test_arrays_count_by_value_however_they_lie_in_memory():
-    values = np.arange(6.0).reshape(2, 3)
-    assert digest(values) == digest(np.asfortranarray(values)) == digest(values[:, ::-1][:, ::-1])
-
-
 @pytest.mark.parametrize(
     "value",
     [len, object(), np.array([None]), Study],

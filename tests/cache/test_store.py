@@ -73,13 +73,6 @@ def test_no_flipped_bit_and_no_missing_tail_gives_another_run(run):
     assert noticed > 0.8 * len(harmed)
 
 
-def test_a_run_of_other_fields_is_computed_again(cache, run, monkeypatch, caplog):
-    monkeypatch.setattr("percept.cache.Settings", lambda **_: 1 / 0)
-    store(cache, 0, run)
-    assert cache.find((0,)) is None
-    assert "computed again" in caplog.text
-
-
 def test_a_kept_run_is_found_by_what_it_was_asked(cache, run):
     assert cache.find((1, "a")) is None
     cache.keep((1, "a"), run)
@@ -120,13 +113,6 @@ def test_clear_removes_entries_and_nothing_else(cache, run):
     assert cache.clear() == 2
     assert [path.name for path in cache.folder.iterdir()] == ["mine.txt"]
     assert PosteriorCache(cache.folder / "nowhere").clear() == 0
-
-
-def test_a_folder_that_cannot_be_made_is_said_and_the_analysis_goes_on(tmp_path, run, caplog):
-    (tmp_path / "file").write_text("")
-    cache = PosteriorCache(tmp_path / "file" / "kept")
-    cache.keep((1,), run)
-    assert "not kept for next time" in caplog.text
 
 
 FULL = """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 
 import numpy as np
@@ -18,7 +17,6 @@ from percept.calibration.advice import (
     gather,
     recommend,
 )
-from percept.calibration.judge import Labels, judge_study
 from percept.cli import main
 from percept.sessions import Sessions
 from percept.sessions.quantities import IMPEDANCE
@@ -61,15 +59,6 @@ def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
             assert own.beta[j, i] == pytest.approx(values.mean() - 1.0)
             noise = own.sigma_e[j, i] ** 2 * (1.0 / trials).mean()
             assert own.sigma[j, i] ** 2 + noise == pytest.approx(values.var(ddof=1))
-
-
-def test_each_interval_by_itself_makes_up_what_is_judged_together(study: Study) -> None:
-    plan = advice_plans(study)[1].by("classical")
-    whole = judge_study(dataclasses.replace(plan, each=False), 3)
-    labels = Labels("interval", "user", "classical", "normal", "marginal")
-    each = judge_study(plan, 3)
-    assert {one.claim for one in each} == {"k in VE1", "k in VE2", "b in VE1", "b in VE2"}
-    assert np.mean([*each.values()]) == pytest.approx(whole[labels], rel=1e-12)
 
 
 def test_a_recommendation_rests_on_enough_studies(plain: Study, tmp_path) -> None:

@@ -19,7 +19,6 @@ from percept.calibration.coverage import (
     coverage_markdown,
     fitted_values,
     plan_like,
-    refuse_unfit,
 )
 from percept.calibration.judge import (
     CoveragePlan,
@@ -158,11 +157,6 @@ def test_truth_of_a_population() -> None:
     np.testing.assert_allclose(np.log(NORMAL.average("lognormal")), exact, rtol=1e-4)
 
 
-def test_normal_users_lie_about_their_bias() -> None:
-    law = stats.norm(110.0, 10.0)
-    assert NORMAL.content(0, 95.0, 130.0) == pytest.approx(law.cdf(130.0) - law.cdf(95.0))
-
-
 @pytest.mark.parametrize(("upper", "held"), [(120.0, 0.0), (124.0, 1.0)])
 def test_limits_of_a_share_hold_where_they_contain_the_share(upper: float, held: float) -> None:
     """Of normals at 110 with SD 10, 84 % and 92 % lie below; the confidence is of another
@@ -245,38 +239,6 @@ def test_a_single_quantity_is_simulated_as_two_are() -> None:
     for kind in ("mean", "user", "share"):
         row = found(rows, kind=kind, family="lognormal", joint="marginal")
         assert abs(row.held - row.stated) < 4 * row.error
-
-
-def test_values_are_fitted_to_the_quantities_there_are() -> None:
-    study = durations(tolerance=0.3)
-    values = fitted_values(study)
-    assert values.beta.shape == (3, 1)
-    assert plan_like(study, values=values).values is values
-    of_k = Scene.load(DATASETS / "hbfd.toml").with_inference(parameters=("k",), method="classical")
-    refuse_unfit(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), of_k))
-
-
-def test_plans_are_told_apart_by_what_they_hold() -> None:
-    plan, again = (planned(values=fixed_values(spread=0.5, environments=3)) for _ in range(2))
-    others = [
-        planned(),
-        planned(values=fixed_values(spread=0.6, environments=3)),
-        planned(level=0.8),
-        planned(subjects=6),
-        dataclasses.replace(planned(), each=True),
-        dataclasses.replace(
-            planned(), design=dataclasses.replace(PLAN.design, parameters=("b", "k"))
-        ),
-    ]
-    assert plan.key == again.key
-    assert len({plan.key, *(other.key for other in others)}) == 7
-
-
-def test_users_far_from_the_reference_are_no_slip_of_units() -> None:
-    """Their median is .005 of the reference, which a file without units would be refused for."""
-    plan = planned(((1000.0, 1.0), (25000.0, 25.0)), subjects=8, points=5, truth="normal")
-    claims = {labels.claim for labels in judge_study(plan, 315)}
-    assert {"interval", "boundary throughout"} <= claims
 
 
 def test_wrong_plans() -> None:

@@ -109,18 +109,6 @@ def test_coupled_forms_have_their_limits_whatever_is_absent(zeros, end):
                 assert part == pytest.approx(expected, rel=1e-13, abs=1e-18), name
 
 
-def test_effective_stiffness_has_its_limits():
-    environment, coupling = Environment(1000.0, 2.0, 0.3), Coupling(5e4, 80.0)
-    omega = [0.0, 1e-5, NYQUIST * (1 - 1e-9), NYQUIST]
-    stiffness, _ = effective_impedance(LOOP, omega, environment, coupling)
-    assert stiffness[0] == pytest.approx(1000 * 5e4 / 51000, rel=1e-14)
-    assert stiffness[1] == pytest.approx(stiffness[0], rel=1e-12)
-    # Next to Nyquist the environment's mass is immovable and takes b_c²/m off the coupling's
-    # stiffness.
-    assert stiffness[3] == pytest.approx(5e4 - 80**2 / 0.3, rel=1e-14)
-    assert stiffness[2] == pytest.approx(stiffness[3], rel=1e-6)
-
-
 def test_hold_keeps_its_digits_next_to_nyquist():
     theta = np.pi - np.array([1e-14, 1e-12, 1e-9])
     with mpmath.workdps(40):
@@ -148,24 +136,6 @@ def test_beside_an_undamped_resonance_the_stiffness_is_that_of_springs_in_series
     far = np.abs(own + 5000.0) > 1e-9
     np.testing.assert_allclose(found[far], series[far], rtol=1e-2)
     assert np.abs(found).min() > 1e15
-
-
-def test_an_undamped_resonance_of_mass_and_coupling_is_infinite():
-    omega = np.linspace(0.1, 3.0, 4001)
-    # Z_c is -Z_e to the last digits, and at hundreds of these omega to the very last.
-    mass, spring = Environment(0.0, 0.0, 1.0), Coupling((2 * np.tan(omega / 2)) ** 2, 0.0)
-    stiffness, _ = effective_impedance(Loop(Device(0.0, 0.0), 1.0), omega, mass, spring)
-    assert np.isinf(stiffness).sum() > 100
-    assert not np.isnan(in_series(omega, mass, spring, 1.0)).any()
-
-
-def test_stiffness_and_mass_are_infinite_where_they_should_be():
-    value = environment_impedance(LOOP, [0.0, NYQUIST], Environment(10.0, 1.0, 0.1))
-    np.testing.assert_array_equal(value.real, [1.0, 1.0])
-    np.testing.assert_array_equal(value.imag, [-np.inf, np.inf])
-    assert coupling_impedance(LOOP, 0.0, Coupling(10.0, 1.0)).imag == -np.inf
-    assert coupling_admittance(LOOP, 0.0, Coupling(10.0, 1.0)) == 0
-    assert coupling_admittance(LOOP, 1.0, Coupling(0.0, 0.0)).real == np.inf
 
 
 def test_nyquist_is_a_few_ulp_wide_and_a_hard_wall():

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy import signal
-from scipy.linalg import expm
 
 from percept.errors import UsageError
 from percept.haptics import (
@@ -17,7 +16,6 @@ from percept.haptics import (
     TabulatedDevice,
     VelocityFilter,
     coupling_impedance,
-    effective_impedance,
     environment_impedance,
     perceived_impedance,
 )
@@ -37,7 +35,6 @@ from reports.evidence.loop import (
     device_impedance_in_time,
     grows_beyond,
     outcome,
-    random_motion,
     transfer,
 )
 from tests import LONG
@@ -107,16 +104,6 @@ def test_closed_forms_are_the_most_that_any_angle_asks_for():
         assert (seen[:-1] <= needed * (1 + 1e-9)).all()
 
 
-def test_searches_find_the_most_that_any_angle_asks_for():
-    rng = np.random.default_rng(8)
-    for _ in range(24):
-        drawn = random_motion(rng)
-        needed = needed_damping(drawn.loop, drawn.environment, coupling=drawn.coupling).damping
-        seen = asked(drawn).max()
-        assert needed >= seen * (1 - 1e-6)
-        assert needed == pytest.approx(seen, rel=2e-2)
-
-
 @pytest.mark.evidence(reduced=True)
 def test_no_hand_makes_grow_what_can_be_rendered_and_some_do_beyond():
     rng = np.random.default_rng(2)
@@ -131,25 +118,6 @@ def test_limits_are_tight():
     """1.05 × with hands tuned to Nyquist and its aliases."""
     rng = np.random.default_rng(3)
     assert all(grows_beyond(rng) for _ in range(50 if LONG else 10))
-
-
-@pytest.mark.parametrize("device", [5.0, 500.0])
-def test_no_damping_is_enough_for_a_damper_by_tustins_method(device):
-    """Its force f = −f' − (2b/T)(x − x') has a pole at z = −1: some spring always makes it grow."""
-    gain = 2 * 0.1 / T
-    growths = []
-    for share in (0.5, 0.9, 1.1, 1.5, 2.0):
-        spring = share * (np.pi / T) ** 2
-        moving = expm(np.array([[0.0, 1.0, 0.0], [-spring, -device, 1.0], [0.0, 0.0, 0.0]]) * T)
-        held = moving[:2, 2]
-        force = np.array([-gain, 0.0, gain, -1.0])  # Of x, v, the last x and the last force
-        step = np.zeros((4, 4))
-        step[:2, :2] = moving[:2, :2]
-        step[:2] += np.outer(held, force)
-        step[2, 0] = 1.0
-        step[3] = force
-        growths.append(np.abs(np.linalg.eigvals(step)).max())
-    assert max(growths) > 1.0
 
 
 def brute_sums(device, omega, fraction):
@@ -177,15 +145,6 @@ def test_what_a_flexible_device_dissipates_at_all_aliases(fraction):
         assert found.constant * found.turn / square + found.late_rest == pytest.approx(
             late, rel=1e-9
         )
-
-
-def test_a_mode_without_damping_changes_nothing():
-    wall = Environment(8e3, 3.0)
-    rigid = can_render(Loop(Device(1.0, 5.0), T), wall)
-    free = can_render(Loop(Device(1.0, 5.0, (Mode(0.1, 1e4, 0.0),)), T), wall)
-    assert free.margin == pytest.approx(rigid.margin, rel=1e-12)
-    damped = can_render(Loop(Device(1.0, 5.0, (Mode(0.1, 1e4, 10.0),)), T), wall)
-    assert damped.margin > rigid.margin
 
 
 def table(device, last, floor):
@@ -264,14 +223,6 @@ def test_a_delayed_damper_or_mass_needs_as_much_as_without_delay():
     assert mass == pytest.approx(2 * 0.01 / T, rel=1e-9)
 
 
-def test_half_a_sample_needs_more_than_its_phase_says():
-    """At DC b² − b·kT(d + ½) = f(1 − f)(kT/2)²: its aliases turn by other angles."""
-    k, f = 1e3, 0.5
-    needed = needed_damping(Loop(Device(1.0, 1.0), T, delay=f), Environment(k, 0.0)).damping
-    assert needed == pytest.approx(k * T / 2 * (1 + np.sqrt(1 + f * (1 - f))), rel=1e-12)
-    assert needed > k * T * (f + 0.5)
-
-
 def test_heavy_hands_bind_at_dc():
     """b_d > k_eff·T/2 − b_eff, with the coupling and the wall in series."""
     k_e, b_e, k_c, b_c = 2e4, 1.0, 5e4, 2.0
@@ -320,17 +271,6 @@ def test_the_filter_is_scipys_butterworth(order):
     found = filter_response(grid, VelocityFilter(cutoff, order))
     assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
     assert abs(found[4]) == pytest.approx(np.sqrt(0.5), rel=1e-14)
-
-
-def test_a_filter_ends_at_zero_and_keeps_its_limits():
-    nyquist = np.array([np.pi / T * (1 - 1e-12), np.pi / T])
-    for order in (1, 2, 3):
-        loop = Loop(Device(0.0, 0.0), T, velocity_filter=VelocityFilter(500.0, order))
-        assert filter_response(loop.at(nyquist), loop.velocity_filter)[1] == 0
-        # A rigid coupling shows the damper as it is: from the first order a spring is left of it.
-        shown = effective_impedance(loop, nyquist, Environment(1e30, 0.0), Coupling(0.0, 1.0))
-        warped = 2 / T * np.tan(0.25) if order == 1 else 0.0
-        assert shown.stiffness == pytest.approx([warped, warped], rel=1e-9, abs=1e-6)
 
 
 def test_a_filter_multiplies_the_damper_that_joins_the_device_alone():

@@ -13,7 +13,6 @@ from percept.haptics import (
     Mode,
     TabulatedDevice,
     absolute_stability,
-    coupling_impedance,
     device_impedance,
     max_coupling_stiffness,
     required_damping,
@@ -44,12 +43,6 @@ def test_published_couplings(stiffness, discretization, damping, omega):
     assert f"{need.damping:.6g}" == damping
     if omega:
         assert f"{need.omega:.6g}" == omega
-
-
-def test_true_hold_asks_most_at_nyquist():
-    need = required_damping(Loop(NO_DEVICE, T, "true"), Coupling(110e3, 100.0))
-    assert f"{need.damping:.2f}" == "49.34"
-    assert need.omega == np.pi / T
 
 
 def test_low_frequency_keeps_fifteen_digits():
@@ -87,29 +80,6 @@ def test_closed_form_is_the_maximum_over_omega(stretch, damping, discretization,
     assert at_binding == pytest.approx(need.damping, rel=1e-13)
 
 
-def test_binding_frequency_slides_into_dc():
-    # The maximum leaves ω = 0 where K² = 3.2β²; just before, its place needs care with 1 − cos.
-    beta = 100.0
-    for excess in (1e-3, 1e-6, 1e-9, 1e-12):
-        coupling = Coupling(np.sqrt(3.2 * (1 - excess)) * beta / T, beta)
-        need = required_damping(LOOP, coupling, discretization="tustin")
-        assert need.omega > 0
-        value = required_damping_at(
-            LOOP,
-            need.omega * np.array([0.5, 1.0, 1.5]),
-            coupling,
-            discretization="tustin",
-        )
-        assert value[1] >= value.max() * (1 - 4e-16)
-    past = required_damping(
-        LOOP,
-        Coupling(np.sqrt(3.2 * (1 + 1e-9)) * beta / T, beta),
-        discretization="tustin",
-    )
-    assert past.omega == 0
-    assert past.damping == pytest.approx(3.2 * beta / 16, rel=1e-8)
-
-
 def test_tustin_without_damping_is_never_stable():
     need = required_damping(LOOP, Coupling([0.0, 1e3], 0.0), discretization="tustin")
     np.testing.assert_array_equal(need.damping, [0.0, np.inf])
@@ -121,15 +91,6 @@ def test_tustin_without_damping_is_never_stable():
             discretization="tustin",
         )
         np.testing.assert_array_equal(at, np.inf)
-
-
-def test_backward_difference_is_tustin_with_more_damping():
-    omega = np.array([1e-3, 1.0, 500.0, 3000.0])
-    backward = coupling_impedance(LOOP, omega, Coupling(110e3, 100.0))
-    tustin = coupling_impedance(
-        LOOP, omega, Coupling(110e3, 100.0 + 110e3 * T / 2), discretization="tustin"
-    )
-    np.testing.assert_array_equal(backward, tustin)
 
 
 def test_margin_is_the_ratio_of_both_sides_of_equation_10():
@@ -167,14 +128,6 @@ def test_verdict_turns_at_the_required_damping(discretization, kind):
     assert [verdict.verdict for verdict in verdicts] == ["not met", *["on its limit"] * 3, "met"]
     for verdict in verdicts[1:4]:
         assert verdict.smallest_margin == pytest.approx(1.0, abs=1e-12)
-
-
-def test_binding_frequency_of_the_published_coupling():
-    verdict = absolute_stability(Loop(Device(1.0, 20.0), T), COUPLING)
-    assert verdict.verdict == "not met"
-    assert f"{verdict.binding_omega:.6g}" == "2022.65"
-    assert verdict.smallest_margin == pytest.approx(20 / 20.25479906887036, rel=1e-14)
-    assert verdict.reason == "The smallest margin is 0.98742, at 2022.65 rad/s."
 
 
 def llewellyn(omega, device):
@@ -238,26 +191,6 @@ def test_a_table_of_a_part_of_the_range_shows_no_stability():
     )
     assert found.smallest_margin > 1
     assert found.verdict == "undecided"
-
-
-def test_without_coupling_nothing_is_asked():
-    for damping in (0.0, 5.0):
-        found = absolute_stability(Loop(Device(1.0, damping), T), Coupling(0.0, 0.0))
-        assert (found.verdict, found.smallest_margin) == ("met", np.inf)
-
-
-@pytest.mark.parametrize(
-    ("device_damping", "limit"),
-    [(15, 37_951), (16, 52_292), (18, 79_991), (20, 106_664), (25, 170_099)],
-)
-def test_largest_stiffness_at_100(device_damping, limit):
-    loop = Loop(Device(0.0, device_damping), T)
-    assert round(float(max_coupling_stiffness(loop, 100.0))) == limit
-
-
-def test_no_stiffness_below_an_eighth():
-    loop = Loop(Device(0.0, [0.0, 5.0, 12.5, 12.5 * (1 + 1e-12)]), T)
-    assert (max_coupling_stiffness(loop, 100.0) > 0).tolist() == [False, False, False, True]
 
 
 @settings(max_examples=200, deadline=None)

@@ -92,35 +92,6 @@ def test_default_priors(
         assert abs(np.corrcoef(sample.T)[0, 1]) < 4 / math.sqrt(DRAWS)
 
 
-def test_every_prior_scale_is_used_where_it_belongs() -> None:
-    default = Priors()
-    # A factor of its own for every scale tells one from another.
-    factors = {
-        "alpha_sd": 2.0,
-        "gamma_sd": 3.0,
-        "tau_scale": 4.0,
-        "sigma_u_scale": 5.0,
-        "kappa_sd": 6.0,
-        "omega_scale": 7.0,
-        "kappa_e_sd": 8.0,
-        "omega_e_scale": 9.0,
-    }
-    scaled = {name: factor * getattr(default, name) for name, factor in factors.items()}
-    other = Priors(
-        log_s_mean=math.log(0.4), log_s_sd=2.0, log_s_e_mean=math.log(0.3), log_s_e_sd=3.0, **scaled
-    )
-    design = Design.balanced(REFERENCES, subjects=2, trials=2)
-    a, b = (
-        draw_hyperparameters(design, priors, np.random.default_rng(3))
-        for priors in (default, other)
-    )
-    for prior, factor in factors.items():
-        name = prior.removesuffix("_sd").removesuffix("_scale")
-        assert_allclose(getattr(b, name), factor * getattr(a, name), rtol=1e-14, err_msg=name)
-    assert_allclose(np.log(b.s / 0.4), 2 * np.log(a.s / 0.2), rtol=1e-12)
-    assert_allclose(np.log(b.s_e / 0.3), 3 * np.log(a.s_e / 0.1), rtol=1e-12)
-
-
 def test_moments_of_the_responses() -> None:
     """Cell means have covariance Σ_u + Σ_w + Σ_e/r, share Σ_u across environments, scatter Σ_e
     within."""
@@ -157,11 +128,6 @@ def assert_covariance(
     sample = (a - a.mean(axis=0)).T @ (b - b.mean(axis=0)) / (n - 1)
     error = np.sqrt((np.outer(np.diag(cov_a), np.diag(cov_b)) + expected**2) / n)
     assert np.all(np.abs(sample - expected) < 4 * error)
-
-
-def test_decades_are_centred_on_the_geometric_mean() -> None:
-    design = Design.balanced([[10.0, 0.1], [1000.0, 1.0], [100000.0, 100.0]], subjects=3)
-    assert_allclose(design.decades, [[-2, -4 / 3], [0, -1 / 3], [2, 5 / 3]], rtol=1e-14, atol=1e-15)
 
 
 @pytest.mark.parametrize("reference", [0.0, -1.0, math.nan])

@@ -28,19 +28,6 @@ def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> 
         assert row.relative == pytest.approx(row.band / row.impedance, rel=1e-12)
 
 
-def test_only_the_lowest_environment_speaks_for_the_offset(fitted: Study) -> None:
-    band = fitted.band
-    assert band is not None
-    offset = [law for law in band.laws if (law.model, law.family) == ("offset", "lognormal")]
-    assert {law.method: law.carried_by for law in offset} == {"classical": "VE1", "bayesian": "VE1"}
-    relative = [s.probability for s in band.statements if "relative to" in s.statement]
-    absolute = [s.probability for s in band.statements if "highest (absolute" in s.statement]
-    assert max(relative) < 0.05
-    assert min(absolute) > 0.95
-    assert band.kappa is not None
-    assert all(trend.below_zero > 0.7 for trend in band.kappa)
-
-
 LEVEL, OMEGA, SUBJECTS = 0.9, 10.0, 16
 RATIO = np.geomspace(1.0, 1000.0, 16)
 NAMES = tuple(f"E{j}" for j in range(RATIO.size))

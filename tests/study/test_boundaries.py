@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
-from percept.haptics import Environment, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
-from percept.inference.regions import ellipse_region
 from percept.results import Boundary, Skipped
 from percept.sessions import Sessions
 from percept.study.boundaries import zoom_windows
@@ -87,71 +85,6 @@ def test_a_band_is_calibrated_over_its_grid_wherever_it_is_asked_for(fitted: Stu
             )
 
 
-@pytest.mark.parametrize("hold", ["average", "true"])
-def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
-    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
-    table = table[table["environment"] == "VE2"].assign(m_ref=0.7)
-    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
-    scene["device"]["hold"] = hold
-    found = Study(Sessions.from_frame(table), Scene(**scene))
-    assert found.setup is not None
-    omega, setup = np.geomspace(0.5, 300.0, 40), found.setup
-    rng = np.random.default_rng(4)
-
-    def displayed(k: float, b: float) -> np.ndarray:
-        environment = Environment(k, b, 0.7)
-        return perceived_impedance(setup.loop, omega, environment)[:, None]
-
-    none, of_k, of_b = displayed(0.0, 0.0), displayed(1.0, 0.0), displayed(0.0, 1.0)
-
-    def magnitude(k: np.ndarray | float, b: np.ndarray | float) -> np.ndarray:
-        # Z_h is straight in k and b, also below zero, where no environment is.
-        return np.abs(none + (of_k - none) * k + (of_b - none) * b)
-
-    laws = {(law.kind, law.family): law.pair for law in found.curve_laws}
-    boxes = {(r.kind, r.family, r.joint): r.limits for r in found.regions if r.limits}
-    ellipses = {(r.kind, r.family): r.ellipse for r in found.regions if r.ellipse}
-    for curve in found.boundaries_at(omega, ("VE2",)):
-        own = setup.references["VE2"]
-        np.testing.assert_allclose(
-            curve.reference, magnitude(float(own.stiffness), float(own.damping))[:, 0], rtol=1e-12
-        )
-        if curve.shape == "corner":
-            (k_low, k_high), (b_low, b_high) = boxes[curve.kind, curve.family, curve.joint]
-            np.testing.assert_allclose(curve.lower, magnitude(k_low, b_low)[:, 0], rtol=1e-12)
-            np.testing.assert_allclose(curve.upper, magnitude(k_high, b_high)[:, 0], rtol=1e-12)
-            continue
-        if curve.joint in ("marginal", "bonferroni"):
-            sides = boxes[curve.kind, curve.family, curve.joint]
-            k, b = (np.linspace(*side, 301) for side in sides)
-            of = magnitude(*(part.ravel() for part in np.meshgrid(k, b)))
-        elif curve.joint == "hotelling":
-            ellipse, angle = ellipses[curve.kind, curve.family], np.linspace(0.0, 2.0 * np.pi, 4001)
-            factor = np.linalg.cholesky(ellipse.shape) * ellipse.radius
-            pair = ellipse.centre[:, None] + factor @ (
-                np.array([np.cos(angle), np.sin(angle)])
-                * rng.uniform(0.0, 1.0, (12, 1, angle.size)) ** 0.5
-            ).transpose(1, 0, 2).reshape(2, -1)
-            edge = ellipse.centre[:, None] + factor @ np.array([np.cos(angle), np.sin(angle)])
-            pair = np.concatenate([pair, edge], axis=1)
-            of = magnitude(*(np.exp(pair) if ellipse.family == "lognormal" else pair))
-        elif curve.shape == "pointwise":
-            k, b, held = laws[curve.kind, curve.family].even(4096)
-            of = magnitude(k, b)
-            for limit, share in ((curve.lower, 0.005), (curve.upper, 0.995)):
-                below = ((of <= limit[:, None]) * held).sum(axis=1)
-                assert np.abs(below - share).max() < 2e-3
-            continue
-        else:
-            continue
-        # The least of many points lies above the exact one, and within a grid's step of it.
-        width = curve.upper - curve.lower
-        assert (of.min(axis=1) >= curve.lower * (1 - 1e-9)).all()
-        assert (of.max(axis=1) <= curve.upper * (1 + 1e-9)).all()
-        assert (of.min(axis=1) - curve.lower <= 0.02 * width).all()
-        assert (curve.upper - of.max(axis=1) <= 0.02 * width).all()
-
-
 def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_level(
     fitted: Study,
 ) -> None:
@@ -189,40 +122,6 @@ def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
         (joint, shape) for joint in ("marginal", "bonferroni") for shape in ("corner", "envelope")
     }
     assert study.curve_laws == ()
-
-
-def test_classical_ellipse_is_that_of_the_subjects(fitted: Study) -> None:
-    table = fitted.sessions.table[fitted.sessions.table["environment"] == "VE4"]
-    exact = ellipse_region(table["k_adj"], table["b_adj"], kind="user", family="lognormal")
-    region = next(
-        r
-        for r in fitted.regions
-        if (r.environment, r.method, r.kind, r.family, r.joint)
-        == ("VE4", "classical", "user", "lognormal", "hotelling")
-    )
-    assert region.ellipse is not None
-    np.testing.assert_allclose(region.ellipse.shape, exact.shape)
-    assert region.ellipse.radius == exact.radius
-
-
-def test_bonferroni_is_wider_and_leaves_out_half_as_many_draws(fitted: Study) -> None:
-    wide = {
-        (r.environment, r.kind): r.limits
-        for r in fitted.regions
-        if (r.method, r.joint) == ("bayesian", "bonferroni")
-    }
-    plain = {
-        (r.environment, r.kind): r.limits
-        for r in fitted.regions
-        if (r.method, r.joint) == ("bayesian", "marginal")
-    }
-    assert wide.keys() == plain.keys()
-    for key, limits in plain.items():
-        assert limits is not None
-        assert wide[key] is not None
-        for (low, high), (lower, upper) in zip(limits, wide[key], strict=True):  # type: ignore[arg-type]
-            assert lower < low
-            assert high < upper
 
 
 @pytest.mark.parametrize(

@@ -101,10 +101,3 @@ def test_a_device_all_but_known_changes_nothing_and_makes_no_share(fitted: Study
             assert known[key].device_share is None
         else:
             assert known[key].device_share == pytest.approx(0.0, abs=1e-3)
-
-
-def test_classical_curves_stay_at_the_point(averaged, at_point) -> None:
-    for key, boundary in at_point.items():
-        if boundary.method == "classical":
-            assert (averaged[key].lower == boundary.lower).all()
-            assert averaged[key].device_share is None

@@ -3,7 +3,6 @@ systems."""
 
 import contextlib
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -167,39 +166,6 @@ def test_a_run_that_is_told_to_end_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.evidence
-def test_two_runs_into_one_folder_leave_the_files_of_one(tmp_path):
-    levels = ("0.9", "0.99")
-    wanted = []
-    for level in levels:
-        words = [
-            "fit",
-            STUDY,
-            "--method",
-            "classical",
-            "--level",
-            level,
-            "--out",
-            str(tmp_path / level),
-        ]
-        assert main(words) == 0
-        wanted.append(contents(tmp_path / level))
-    arguments = [sys.executable, "-m", "percept", "fit", STUDY, "--method", "classical"]
-    running = [
-        subprocess.Popen(
-            [*arguments, "--level", level, "--out", str(tmp_path / "out")],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-        )
-        for level in levels
-    ]
-    for process in running:
-        _, errors = process.communicate()
-        assert process.returncode == 0, errors
-    assert contents(tmp_path / "out") in wanted
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.9", "0.99", "out"]
-
-
 def test_moves_of_two_runs_do_not_mix(tmp_path):
     """While one run holds the folder the other waits with its files aside."""
     out = tmp_path / "out"
@@ -237,36 +203,3 @@ def test_a_folder_on_another_disk_or_of_a_long_name_is_filled(tmp_path):
         assert sorted(path.name for path in disk.iterdir()) == [".percept", "a.txt", "new"]
     finally:
         shutil.rmtree(disk)
-
-
-@pytest.mark.parametrize("made", [False, True])
-def test_only_what_is_old_is_removed(tmp_path, made):
-    """What a killed run left is beside a folder that it had still to make, or in one that was
-    there."""
-    place = tmp_path / "out" if made else tmp_path
-    abandoned = place / ".percept-unfinished-dead"
-    foreign = place / ".mine-unfinished-dead"
-    for folder in (abandoned, foreign):
-        folder.mkdir(parents=True)
-        (folder / "half.json").write_text("{")
-        os.utime(folder, (1e9, 1e9))
-    with filled_folder(tmp_path / "out", ONE) as first:
-        assert not abandoned.exists()
-        with filled_folder(tmp_path / "out", ONE) as second:
-            assert first.exists()
-            (second / "a.txt").write_text("second\n")
-        (first / "a.txt").write_text("first\n")
-    assert (tmp_path / "out" / "a.txt").read_text() == "first\n"
-    assert foreign.exists()
-
-
-def test_a_clock_that_goes_back_changes_no_number(tmp_path):
-    """What was written in the future is replaced like anything else."""
-    out = tmp_path / "out"
-    words = ["fit", STUDY, "--method", "classical", "--out", str(out)]
-    assert main(words) == 0
-    before = contents(out)
-    for path in (*out.iterdir(), out):
-        os.utime(path, (4e9, 4e9))
-    assert main(words) == 0
-    assert contents(out) == before

@@ -15,7 +15,6 @@ distributed = pytest.importorskip("distributed", reason="needs the extra percept
 from percept.errors import RefusalError  # noqa: E402 - only where distributed is installed
 from percept.workers import (  # noqa: E402
     connected,
-    in_process,
     on_cluster,
     require_same_code,
 )
@@ -26,16 +25,6 @@ pytestmark = QUIET
 
 def inverse(x):
     return 1 / x
-
-
-def test_results_are_those_of_one_process_and_errors_are_their_arguments_own():
-    arguments = [1, 3, 0, 7, 11]
-    with in_threads() as client:
-        found = dict(on_cluster(client)(inverse, arguments))
-    wanted = dict(in_process(inverse, arguments))
-    assert isinstance(found.pop(0), ZeroDivisionError)
-    assert isinstance(wanted.pop(0), ZeroDivisionError)
-    assert found == wanted
 
 
 def test_no_more_than_two_arguments_per_thread_are_taken_ahead():
