@@ -35,8 +35,7 @@ def _zwidth(arguments: argparse.Namespace) -> None:
 def _width(path: str) -> ZWidth:
     """Compute the Z-width of a scene's device."""
     from percept.scene import Scene
-    from percept.study.device import device_of, loop_of
-    from percept.study.device_draws import device_draws
+    from percept.study.device import device_draws, device_of, loop_of
     from percept.study.rendering import z_width
 
     scene = Scene.load(path)

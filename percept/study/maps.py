@@ -37,7 +37,7 @@ from percept.results import (
 from percept.scene import Scene
 from percept.study.basics import Array
 from percept.study.device import Setup
-from percept.study.stable_couplings import StableCouplings
+from percept.study.rendering import StableCouplings
 from percept.study.verdicts import MapUsers, frequencies, relative_sd
 
 #: Draws of the users behind a map of couplings, and where these decide nothing: 0.95 is known to

@@ -1,20 +1,42 @@
-"""What a device renders with every passive hand, in time: each reference, and its Z-width."""
+"""What a device, or draws of it, renders with every passive hand, in time.
+
+References are judged directly and through the coupling, and so are couplings that it does not have.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from scipy.optimize import elementwise
 
 from percept.haptics import Coupling, Device, Environment, Loop
-from percept.haptics.rendering import can_render, rendered_region
-from percept.results import Rendered, RenderedEdge, RenderedWall, ZWidth
-from percept.study.device import Setup
-from percept.study.device_draws import DeviceDraws, device_stability
+from percept.haptics.aliases import alias_features
+from percept.haptics.arrays import LARGEST
+from percept.haptics.loop import search_grid
+from percept.haptics.rendering import (
+    can_render,
+    needed_damping,
+    rendered_region,
+    rendering_load,
+    rendering_margins,
+)
+from percept.results import DeviceStability, Rendered, RenderedEdge, RenderedWall, ZWidth
+from percept.study.basics import Array
+from percept.study.device import DeviceDraws, Setup
 
+#: Devices with modes whose margins are searched for: each takes a search over frequencies. As many
+#: independent ones tell a probability to a standard error of 0.03, and Sobol's points a better one.
+_SEARCHED = 256
+#: Central share of the margins that is reported.
+_LEVEL = 0.95
 #: Share of the devices of a posterior that render what counts as likely.
 _LIKELY = 0.95
+#: A coupling that needs as many times what the environments need directly shows itself by a tenth
+#: at most: it counts as rigid.
+_RIGID = 10.0
 
 
 def study_rendering(setup: Setup) -> tuple[Rendered, ...]:
@@ -103,3 +125,143 @@ def _edge(loop: Loop) -> RenderedEdge:
         stiffest_damping=float(region.damping[stiffest]),
         most_damping=float(region.damping.max()),
     )
+
+
+def margins_of_draws(
+    draws: DeviceDraws, loop: Loop, environment: Environment | None, coupling: Coupling | None
+) -> Array:
+    """Return what each device dissipates over what is asked for, at its least.
+
+    Parameters
+    ----------
+    draws : DeviceDraws
+        N devices.
+    loop : Loop
+        That they are in; its own device does not count.
+    environment : Environment or None
+        None for a rigid wall behind the coupling.
+    coupling : Coupling or None
+        None where the environment is rendered directly.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        Ratios: above 1 the device renders with every passive hand. All rigid devices are judged,
+        exactly. Of devices with modes the first 256 are, each on frequencies of its own.
+    """
+    needed = needed_damping(loop, environment, coupling=coupling).damping
+    damping = np.asarray(draws.stacked.damping)
+    with np.errstate(divide="ignore"):
+        margins = np.asarray(damping / np.float64(needed))
+    if not draws.stacked.modes or np.isinf(needed):
+        return margins
+    searched = draws.first(_SEARCHED)
+    margins = margins[: searched.count]
+    even = search_grid(dataclasses.replace(loop, device=Device(0.0, 0.0)))
+    for index in range(searched.count):
+        own = dataclasses.replace(loop, device=searched.device(index))
+        omega = np.union1d(even, alias_features(own))
+        load = rendering_load(own, omega, environment, coupling=coupling)
+        # Modes only add to what the damping dissipates.
+        margins[index] = max(margins[index], 1.0 / max(float(load.max()), np.finfo(float).tiny))
+    return margins
+
+
+def device_stability(
+    draws: DeviceDraws, loop: Loop, environment: Environment | None, coupling: Coupling | None
+) -> DeviceStability:
+    """Say how probably a device renders, given what is known of it.
+
+    Parameters as in `margins_of_draws`.
+
+    Returns
+    -------
+    DeviceStability
+        Its probability and the range of the margin.
+    """
+    margins = margins_of_draws(draws, loop, environment, coupling)
+    tail = 0.5 * (1.0 - _LEVEL)
+    lower, upper = np.quantile(margins, [tail, 1.0 - tail])
+    stable = int(np.count_nonzero(margins > 1.0))
+    # Laplace's rule of succession: one stable and one unstable device more are counted for the
+    # error, which a share of 0 or 1 would not have otherwise.
+    hedged = (stable + 1) / (margins.size + 2)
+    return DeviceStability(
+        probability=stable / margins.size,
+        error=math.sqrt(hedged * (1.0 - hedged) / margins.size),
+        draws=margins.size,
+        level=_LEVEL,
+        margin_lower=float(lower),
+        margin_upper=float(upper),
+    )
+
+
+class StableCouplings:
+    """Couplings through which the device renders some environments with every passive hand.
+
+    Of a posterior's devices with modes the damping alone counts: that is on the safe side.
+    """
+
+    def __init__(self, setup: Setup, environments: Sequence[str]) -> None:
+        self.loop = setup.loop
+        #: Number of devices from a posterior; None without one.
+        self.devices = None if setup.draws is None else setup.draws.count
+        self._environments = [setup.references[name] for name in environments]
+        # What each device gives: its damping, N·s/m, or all that it dissipates.
+        device = self.loop.device
+        self._given = np.ones(1)
+        if setup.draws is not None:
+            self._given = np.sort(np.asarray(setup.draws.stacked.damping))
+        elif isinstance(device, Device) and not device.modes:
+            self._given = np.atleast_1d(device.damping)
+        self._by_damping = isinstance(device, Device) and (
+            setup.draws is not None or not device.modes
+        )
+        largest = max(self.at_nyquist(shown) for shown in setup.references.values())
+        used = 0.0 if setup.coupling is None else self.at_nyquist(setup.coupling)
+        #: N·s/m, what a coupling asks for at Nyquist from which on it counts as rigid.
+        self.rigid = max(_RIGID * largest, 2.0 * used)
+
+    def at_nyquist(self, shown: Environment | Coupling) -> float:
+        """Return what a spring and a damper ask for at Nyquist, N·s/m."""
+        return float(0.5 * shown.stiffness * self.loop.period + shown.damping)
+
+    def probability(self, stiffness: Array, damping: Array) -> Array:
+        """Return the probability that couplings (C,) are stable, (C,): 0 or 1 for one device."""
+        asked = self._asked(stiffness, damping)
+        return 1.0 - np.searchsorted(self._given, asked, side="right") / self._given.size
+
+    def _asked(self, stiffness: Array, damping: Array) -> Array:
+        """Return what couplings ask of a device, in terms of what each gives."""
+        couplings = Coupling(stiffness, damping)
+        asked = np.zeros(stiffness.shape)
+        for shown in self._environments:
+            if self._by_damping:
+                own = needed_damping(self.loop, shown, coupling=couplings).damping
+            else:
+                own = 1.0 / rendering_margins(self.loop, shown, coupling=couplings)
+            asked = np.maximum(asked, own)
+        # A search for a root needs numbers.
+        return np.minimum(asked, LARGEST)
+
+    def largest_damping(self) -> float:
+        """Return the largest b_c that is stable without a spring, N·s/m; 0 without any."""
+        top = np.array([self.rigid])
+        return float(self._limit(lambda damping: self._asked(0.0 * damping, damping), top)[0])
+
+    def limit(self, damping: Array) -> Array:
+        """Return the largest stiffness beside each damping (B,) that may be stable, N/m, (B,).
+
+        It ends where couplings count as rigid.
+        """
+        top = np.maximum(self.rigid - damping, 0.0) * (2.0 / self.loop.period)
+        return self._limit(self._asked, top, damping)
+
+    def _limit(self, asked: Callable[..., Array], top: Array, *beside: Array) -> Array:
+        """Return up to where each line, from zero to its top, asks for less than a device gives."""
+        most = self._given[-1]
+        found = elementwise.find_root(
+            lambda value, *beside: asked(value, *beside) - most, (0.0 * top, top), args=beside
+        )
+        limit = np.where(found.success, found.x, 0.0)
+        return np.where(asked(top, *beside) < most, top, limit)

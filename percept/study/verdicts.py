@@ -7,6 +7,7 @@ method a confidence part by part; `decision` turns either into one of three outc
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import PurePath
@@ -14,9 +15,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy import special
 
-from percept.boundary.confidence import Confidence, confidence, fiducial_users
-from percept.boundary.feels_real import CENTRALS, Evidence, feels_real, search_grid
+from percept.boundary.confidence import PARTS, Confidence, confidence, fiducial_users
+from percept.boundary.feels_real import CENTRALS, Evidence, edge_of, feels_real, search_grid
 from percept.boundary.shares import Users
 from percept.errors import RefusalError
 from percept.haptics import TabulatedDevice
@@ -27,6 +29,7 @@ from percept.results import (
     CentralProbability,
     Confidences,
     Leaning,
+    MoreSubjects,
     Note,
     PosteriorEvidence,
     Rendered,
@@ -36,10 +39,9 @@ from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator
 from percept.study.data import Data
-from percept.study.deciding import more_subjects
 from percept.study.device import Setup
-from percept.study.device_draws import margins_of_draws
 from percept.study.regions import SubjectPairs
+from percept.study.rendering import margins_of_draws
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -56,6 +58,12 @@ _HALF_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
 #: A mean of zero counts as this when an SD is put in proportion to it.
 _LEAST_MEAN = 1e-300
+#: Probability with which the wanted number decides; as in plans of interval widths.
+ASSURANCE = 0.8
+#: Subjects beyond which no number is given.
+_MOST = 1_000
+#: SDs beyond which no distance is told apart: all are decided at once.
+_FARTHEST = 10.0
 _NAMES = ("k", "b")
 
 
@@ -299,6 +307,48 @@ def _verdict(
         stable_and_real=None,
         more=more,
     )
+
+
+def more_subjects(scores: Array, subjects: int, *, central: float, decision: float) -> MoreSubjects:
+    """Find how many more subjects would decide whether a display feels real.
+
+    Under a draw of the users what is displayed lies z SDs from the median user, by the part that is
+    least favourable. N + n subjects estimate z with the variance v(z) = (1 + z²/2)/(N + n). With e
+    the edge of the central range, the classical rule says "feels real" of estimates below
+    e - q·√v(e) and "does not" of those above e + q'·√v(e), where q and q' are normal quantiles of
+    the confidences that it asks for.
+
+    Parameters
+    ----------
+    scores : ndarray, shape (D,)
+        Under each draw of the users, how many SDs what is displayed lies from the median user.
+    subjects : int
+        Those that there are, N.
+    central : float
+        Share of all users that a central range holds.
+    decision : float
+        Confidence from which a display is said to feel real.
+
+    Returns
+    -------
+    MoreSubjects
+        The smallest number, up to 1,000, that decides with a probability of 0.8.
+    """
+    edge = edge_of(central)
+    scores = np.minimum(scores, _FARTHEST)
+    for_real = special.ndtri(decision)
+    for_not = -special.ndtri((1.0 - decision) / PARTS)
+
+    def probability(more: int) -> float:
+        root_n = np.sqrt(subjects + more)
+        at_edge = np.sqrt(1.0 + 0.5 * edge**2) / root_n
+        error = np.sqrt(1.0 + 0.5 * scores**2) / root_n
+        real = special.ndtr((edge - for_real * at_edge - scores) / error)
+        does_not = special.ndtr((scores - edge - for_not * at_edge) / error)
+        return float((real + does_not).mean())
+
+    count = 1 + bisect.bisect_left(range(1, _MOST + 1), ASSURANCE, key=probability)
+    return MoreSubjects(subjects=count if count <= _MOST else None, assurance=ASSURANCE, most=_MOST)
 
 
 def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvidence:

@@ -6,7 +6,7 @@ import pytest
 
 from percept.cli import main
 from percept.haptics import Coupling, Device, Environment, Loop, needed_damping
-from percept.study.device_draws import DeviceDraws
+from percept.study.device import DeviceDraws
 from percept.study.rendering import z_width
 
 T = 1e-3

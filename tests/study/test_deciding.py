@@ -7,7 +7,7 @@ from scipy import special
 from percept.boundary.confidence import PARTS
 from percept.inference.classical.fiducial import central_range_confidence
 from percept.inference.classical.moments import Moments
-from percept.study.deciding import ASSURANCE, more_subjects
+from percept.study.verdicts import ASSURANCE, more_subjects
 
 CENTRAL, DECISION = 0.99, 0.95
 EDGE = float(special.ndtri(0.5 * (1.0 + CENTRAL)))

@@ -13,7 +13,7 @@ from percept.haptics.perceived import perceived_magnitude
 from percept.results import Boundary
 from percept.scene import FrequencyTable
 from percept.study.boundaries import BoundaryDrawing
-from percept.study.device_draws import device_draws
+from percept.study.device import device_draws
 
 SDS = (0.2, 0.1)  # Of log mass and log damping
 RANGE = FrequencyTable(lower=0.1, upper=100.0, points=40)

@@ -7,7 +7,8 @@ import pytest
 from scipy import special
 
 from percept import Scene, UsageError, haptics
-from percept.study.device_draws import device_draws, device_stability, margins_of_draws
+from percept.study.device import device_draws
+from percept.study.rendering import device_stability, margins_of_draws
 
 # Through the coupling this needs 15.0 N·s/m.
 LOOP = haptics.Loop(haptics.Device(1.0, 5.0), 1e-3)

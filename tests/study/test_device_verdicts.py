@@ -10,7 +10,8 @@ import pytest
 from percept import Study
 from percept.boundary.feels_real import edge_of, plane_scores, search_scores
 from percept.haptics import Coupling
-from percept.study.device_draws import device_draws, margins_of_draws
+from percept.study.device import device_draws
+from percept.study.rendering import margins_of_draws
 from percept.study.verdicts import frequencies, relative_sd, study_verdicts
 
 COUPLING = Coupling(15e3, 20.0)

@@ -9,10 +9,9 @@ import pytest
 
 from percept import Scene, Study, haptics
 from percept.haptics import Coupling
-from percept.study.device import Setup
-from percept.study.device_draws import device_draws
+from percept.study.device import Setup, device_draws
 from percept.study.maps import coupling_map
-from percept.study.stable_couplings import StableCouplings
+from percept.study.rendering import StableCouplings
 from percept.study.verdicts import MapUsers
 
 MODE = {"mass": 0.2, "stiffness": 8e3, "damping": 2.0}
