@@ -62,19 +62,6 @@ class Counted:
         return self._value(x), self._slope(x)
 
 
-def bent():
-    """x + x³/10 - c, whose roots are known: those of c = r + r³/10."""
-    wanted = np.array([-2.0, -0.3, 0.0, 0.7, 1.9])
-    c = wanted + 0.1 * wanted**3
-    return Counted(lambda x: x + 0.1 * x**3 - c, lambda x: 1.0 + 0.3 * x * x), wanted
-
-
-def test_roots_side_by_side_are_each_exact():
-    function, wanted = bent()
-    found = root(function, np.ones(5), np.full(5, -5.0), np.full(5, 5.0), np.ones(5), 1e-16)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=4e-16)
-
-
 def test_a_step_out_of_the_bracket_becomes_its_middle():
     """Far out the slope of tanh is next to nothing and Newton's step leaves the bracket."""
     function = Counted(np.tanh, lambda x: 1.0 / np.cosh(x) ** 2)

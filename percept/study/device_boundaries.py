@@ -62,22 +62,6 @@ class _Curves:
         return float(np.interp(level * inside[-1], inside, self.farthest[order]))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Pair:
-    """The same curves with the device at its point, and on devices of its posterior."""
-
-    at_point: _Curves
-    on_devices: _Curves
-
-    def shift(self, score: float, widening: float) -> Array:
-        """Return by how much log limits (2, M) move, at a score that widens."""
-        averaged = self.on_devices.limits(score + widening)
-        # Limits that are infinite stay so.
-        with np.errstate(invalid="ignore"):
-            shift = averaged - self.at_point.limits(score)
-        return np.where(np.isfinite(shift), shift, 0.0)
-
-
 class DeviceCurves:
     """Curves of one law of (k, b), at frequencies (M,), rad/s, on devices of the posterior."""
 
@@ -94,23 +78,21 @@ class DeviceCurves:
 
         at_point = logs(setup.loop.device)
         on_devices = logs(setup.draws.stacked.select(device))
-
-        def pair(chosen: slice) -> _Pair:
-            weights = probability[chosen]
-            return _Pair(
-                _Curves.of(at_point[:, chosen], weights), _Curves.of(on_devices[:, chosen], weights)
-            )
-
-        self._omega = omega
-        self._all = pair(slice(None))
-        # Points and devices are even in every run of them; every eighth device would not be.
+        # All points, then runs of them. Points and devices are even in every run; every eighth
+        # device would not be.
         run = _POINTS // _BATCHES
-        self._batches = [pair(slice(start, start + run)) for start in range(0, _POINTS, run)]
+        parts = [slice(start, start + run) for start in range(0, _POINTS, run)]
+        self._omega = omega
+        self._at_point = []
+        self._on_devices = []
+        for part in (slice(None), *parts):
+            self._at_point.append(_Curves.of(at_point[:, part], probability[part]))
+            self._on_devices.append(_Curves.of(on_devices[:, part], probability[part]))
 
     def widening(self, level: float) -> float:
         """Return by how much the score grows whose limits hold whole curves."""
-        with_devices = self._all.on_devices.score_that_holds(level)
-        return with_devices - self._all.at_point.score_that_holds(level)
+        with_devices = self._on_devices[0].score_that_holds(level)
+        return with_devices - self._at_point[0].score_that_holds(level)
 
     def averaged(
         self, limits: MagnitudeLimits, score: float, widening: float = 0.0
@@ -131,9 +113,14 @@ class DeviceCurves:
         MagnitudeLimits
             With the device's share of their squared width, a mean over log omega.
         """
-        lower, upper = np.exp(self._all.shift(score, widening))
-        shifts = [pair.shift(score, widening) for pair in self._batches]
-        shift_errors = np.std(shifts, axis=0, ddof=1) / np.sqrt(len(shifts))
+        shifts = []
+        for at_point, on_devices in zip(self._at_point, self._on_devices, strict=True):
+            # Limits that are infinite stay so.
+            with np.errstate(invalid="ignore"):
+                shift = on_devices.limits(score + widening) - at_point.limits(score)
+            shifts.append(np.where(np.isfinite(shift), shift, 0.0))
+        lower, upper = np.exp(shifts[0])
+        shift_errors = np.std(shifts[1:], axis=0, ddof=1) / np.sqrt(_BATCHES)
         assert limits.errors is not None
         averaged = MagnitudeLimits(
             limits.lower * lower, limits.upper * upper, np.hypot(limits.errors, shift_errors)

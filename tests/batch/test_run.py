@@ -134,26 +134,6 @@ def test_the_command(studies, tmp_path, capsys):
     assert (summary["studies"], summary["skipped"], summary["counts"]) == (1, 1, {"done": 1})
 
 
-def test_a_study_refused_before_is_reported_again(studies, tmp_path, capsys):
-    arguments = ["batch", studies[0], studies[2], "--method", "classical", "--workers", "1"]
-    arguments += ["--out", str(tmp_path / "out")]
-    assert main(arguments) == 1
-    first = capsys.readouterr()
-    kept = (tmp_path / "out" / "finished.jsonl").read_bytes()
-    assert main(arguments) == 1
-    again = capsys.readouterr()
-    assert "text.csv:2, column 'k_adj', value 'much'" in again.err
-    assert again.err == first.err
-    assert again.out.splitlines()[0] == "2 studies (1 done, 1 refused): 2 finished before, 0 now"
-    assert (tmp_path / "out" / "finished.jsonl").read_bytes() == kept
-    assert main([*arguments, "--json"]) == 1
-    summary = json.loads(capsys.readouterr().out)
-    assert (summary["skipped"], summary["counts"]) == (2, {"done": 1, "refused": 1})
-    ((name, message),) = summary["failures"]
-    assert name == studies[2]
-    assert "value 'much'" in message
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

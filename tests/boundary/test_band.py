@@ -133,20 +133,6 @@ def test_sentences_speak_of_their_own_law() -> None:
     )
 
 
-def test_without_bands_of_the_study_the_estimate_is_the_median_of_the_draws() -> None:
-    """Bands of a posterior's draws may lie well below the study's; an estimate must lie in its
-    interval."""
-    rng = np.random.default_rng(6)
-    sizes, names = Z[::6], tuple("ABCDEFG")
-    draws = 0.3 * sizes * np.exp(0.2 * rng.normal(size=(500, sizes.size)))
-    for law in band_laws(names, sizes, None, draws, WHOSE, level=0.9):
-        middle = np.median(fit_law(law.model, sizes, draws), axis=0)
-        assert [one.value for one in law.parameters.values()] == middle.tolist()
-        assert all(one.lower < one.value < one.upper for one in law.parameters.values())
-    weber, *_ = band_laws(names, sizes, 3.0 * sizes, draws, WHOSE, level=0.9)
-    assert weber.parameters["w"].value == pytest.approx(3.0)
-
-
 def test_statements_of_absolute_and_relative_width() -> None:
     z = np.array([1000.0, 1.0])
     draws = np.array([[100.0, 0.5], [100.0, 0.05], [0.4, 0.5], [100.0, 0.2]])

@@ -14,7 +14,6 @@ from percept.boundary.feels_real import (
     judge,
     search_grid,
     search_scores,
-    share_error,
 )
 from percept.boundary.shares import Users
 from percept.haptics import Coupling, Device, Environment, Loop
@@ -107,14 +106,6 @@ def test_draws_are_added_only_while_the_error_straddles_a_threshold():
     assert outside.outcome(DECISION, 6) == "does not"
     assert outside.outcome(DECISION, 5) == "too little data"
     assert dataclasses.replace(outside, plane=0.01).outcome(DECISION, 5) == "does not"
-
-
-@pytest.mark.parametrize("count", [1, 64, 4096])
-@pytest.mark.parametrize("agreeing", [0.0, 1.0])
-def test_draws_that_agree_leave_an_error(agreeing, count):
-    farthest_by_wilson = 1.0 / (count + 1)
-    assert farthest_by_wilson <= share_error(agreeing, count) <= 2.0 * farthest_by_wilson
-    assert share_error(0.5, count) == pytest.approx(max(0.5 / np.sqrt(count), 1.0 / count))
 
 
 def test_scores_are_those_of_the_share_below():

@@ -66,18 +66,6 @@ def test_margins_are_the_classical_intervals(family: str, kind: str, interval: o
         np.testing.assert_allclose(margin(law, p, ends), [0.005, 0.995], atol=3e-5)
 
 
-def test_radius_has_the_law_of_a_bivariate_t() -> None:
-    law = confidence_law(K, B, kind="mean", family="normal")
-    k, b, held = law.even(4096)
-    points = np.stack([k - K.mean(), b - B.mean()])
-    squared = np.einsum("in,ij,jn->n", points, np.linalg.inv(np.cov(K, B) / 10), points)
-    for p in (0.5, 0.9, 0.99):
-        exact = 9 * (
-            (1 - p) ** (-2 / 9) - 1
-        )  # twice the F quantile with 2 and 9 degrees of freedom
-        assert held[squared <= exact].sum() == pytest.approx(p, abs=4e-3)
-
-
 def test_samples_without_a_distribution_are_refused() -> None:
     with pytest.raises(RefusalError, match="At least 3 subjects"):
         confidence_law(K[:2], B[:2], kind="mean", family="normal")

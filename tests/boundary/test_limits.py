@@ -16,7 +16,6 @@ from percept.boundary.simultaneous import simultaneous_level
 from percept.errors import RefusalError
 from percept.haptics import Device, Environment, Loop, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
-from percept.inference.sampling.endpoints import mixture_quantile
 from tests import LONG
 from tests.boundary.test_law import B, K, mixture
 
@@ -166,19 +165,6 @@ def wide_draws(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
         np.maximum(0.83 * rng.exponential(size=(count, 1)) - 1.0, 0.0)
     )
     return mean, sd[:, :, None] ** 2 * np.eye(2)
-
-
-def test_few_wide_draws_decide_a_far_tail_and_are_all_asked() -> None:
-    mean, covariance = wide_draws(40_000, 1)
-    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    law = mixture_law(mean, covariance, np.arange(40_000) % 32, "lognormal")
-    for p, axis in enumerate(law.axes):
-        table = law.cumulated[p]
-        held = table.sum(axis=0) / table[:, -1].sum()
-        for tail in (5e-3, 1e-3, 1e-4):
-            value = np.exp(mixture_quantile(mean, sd, tail, upper=True)[0][p])
-            place = np.interp(axis.place(value), np.linspace(0.0, 1.0, held.size), held)
-            assert 1.0 - place == pytest.approx(tail, rel=0.05)
 
 
 def test_stated_error_of_a_band_is_its_scatter_where_few_draws_are_wide() -> None:

@@ -109,18 +109,6 @@ def test_coupled_forms_have_their_limits_whatever_is_absent(zeros, end):
                 assert part == pytest.approx(expected, rel=1e-13, abs=1e-18), name
 
 
-def test_hold_keeps_its_digits_next_to_nyquist():
-    theta = np.pi - np.array([1e-14, 1e-12, 1e-9])
-    with mpmath.workdps(40):
-        half = [mpmath.mpf(float(angle)) / 2 for angle in theta]
-        exact = [mpmath.cos(h) * mpmath.expj(-h) for h in half]
-        parts = np.array([[float(value.real), float(value.imag)] for value in exact])
-    found = hold(Loop(Device(0.0, 0.0), 1.0), theta)
-    np.testing.assert_allclose(
-        np.transpose([found.real, found.imag]), parts, rtol=1e-15
-    )  # a few roundings
-
-
 def test_beside_an_undamped_resonance_the_stiffness_is_that_of_springs_in_series():
     """k₁k₂/(k₁ + k₂), k₁ = k − mΩ², is huge a few ulp from the pole too, and never cancels."""
     period = 1e-3

@@ -85,33 +85,3 @@ def test_device_modes_are_passive_and_add_their_mass_at_low_frequency():
         np.testing.assert_allclose(
             added[:-1], m * s * (b * s + k) / (m * s * s + b * s + k), rtol=1e-9
         )
-
-
-def test_omega_by_environments_by_draws_equals_the_loop():
-    rng = np.random.default_rng(3)
-    omega = np.array([0.0, 0.3, 40.0, 3000.0, np.pi / T])
-    stiffness, damping = rng.normal(100, 300, (3, 7)), rng.normal(1, 3, (3, 7))
-    stiffness[0, 0] = 0.0
-    cube = perceived_magnitude(
-        Loop(FLEXIBLE, T), omega[:, None, None], stiffness, damping, mass=0.1
-    )
-    assert cube.shape == (5, 3, 7)
-    for index in np.ndindex(cube.shape):
-        one = perceived_magnitude(
-            Loop(FLEXIBLE, T),
-            float(omega[index[0]]),
-            stiffness[index[1:]],
-            damping[index[1:]],
-            mass=0.1,
-        )
-        assert cube[index] == one
-    positive = Environment(np.abs(stiffness), np.abs(damping), 0.1)
-    coupled = perceived_impedance(
-        Loop(FLEXIBLE, T), omega[:, None, None], positive, coupling=COUPLING
-    )
-    assert coupled[2, 1, 4] == perceived_impedance(
-        Loop(FLEXIBLE, T),
-        40.0,
-        Environment(abs(stiffness[1, 4]), abs(damping[1, 4]), 0.1),
-        coupling=COUPLING,
-    )

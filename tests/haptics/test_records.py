@@ -1,11 +1,8 @@
 """Records refuse what no device, environment or coupling can be, and say so."""
 
-import inspect
-
 import numpy as np
 import pytest
 
-from percept import haptics
 from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
@@ -116,16 +113,3 @@ def test_limits_may_be_negative_but_not_reversed():
         magnitude_envelope(Loop(Device(1, 5), 1e-3), 1.0, (5.0, -10.0), (-1.0, 1.0))
     with pytest.raises(UsageError, match=r"limits of damping must be a pair"):
         magnitude_envelope(Loop(Device(1, 5), 1e-3), 1.0, (-10.0, 5.0), 1.0)
-
-
-def test_who_takes_a_discretization_says_that_an_unknown_one_is_refused():
-    takes = [
-        function
-        for function in (getattr(haptics, name) for name in haptics.__all__)
-        if inspect.isfunction(function)
-        and "discretization" in inspect.signature(function).parameters
-    ]
-    assert len(takes) >= 8
-    for function in takes:
-        raises = function.__doc__.partition("Raises")[2]
-        assert "discretization" in raises or "As `" in raises, function.__name__

@@ -64,17 +64,6 @@ def test_sessions_give_the_printed_limits(environment: str, parameter: str, prin
     assert printed_limits(values, "0.99", (lower, upper)) == (lower, upper)
 
 
-def test_sessions_are_a_full_positive_grid_that_says_it_is_simulated() -> None:
-    rows = cells(SESSIONS)
-    assert [(row["subject"], row["environment"]) for row in rows] == [
-        (f"S{i:02d}", f"VE{j}") for i in range(1, 11) for j in range(1, 6)
-    ]
-    assert {(row["session"], row["trial"], row["source"]) for row in rows} == {
-        ("1", "1", "simulated")
-    }
-    assert all(float(row[name]) > 0 for row in rows for name in ("k_adj", "b_adj"))
-
-
 def test_sessions_come_from_their_seed(tmp_path: Path) -> None:
     published = read_sessions(DATASETS / "hbfd_table1.csv")
     again = write_sessions(simulate_like(published, seed=1), tmp_path / "again.csv")

@@ -198,17 +198,6 @@ def test_only_simulated_files_are_written_over(tmp_path: Path) -> None:
         assert taken.read_text() == text
 
 
-def test_files_read_back_as_the_same_doubles(tmp_path: Path) -> None:
-    table = simulate_like(PUBLISHED, seed=5)
-    path = write_sessions(table, tmp_path / "s.csv")
-    back = pd.read_csv(path, dtype=str)
-    for name in ("k_ref", "b_ref", "k_adj", "b_adj"):
-        assert list(back[name].map(float)) == list(table[name])
-    assert list(back["subject"]) == list(table["subject"])
-    assert [entry.name for entry in tmp_path.iterdir()] == ["s.csv"]
-    assert b"\r" not in path.read_bytes()
-
-
 def test_means_and_sds_have_no_printed_limits() -> None:
     table = summary(
         ("a", "k", 1, 1, 0.1, 8),

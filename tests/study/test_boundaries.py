@@ -34,17 +34,6 @@ def test_every_kind_method_and_joint_treatment_has_its_boundaries(fitted: Study)
     assert "simultaneous bands through draws" not in {part.what for part in fitted.skipped_rows}
 
 
-def test_posterior_curves_have_a_monte_carlo_error_and_no_others(fitted: Study) -> None:
-    for boundary in fitted.boundaries:
-        if boundary.joint != "joint" or boundary.method == "classical":
-            assert boundary.errors is boundary.error is None
-        else:
-            assert boundary.errors is not None
-            assert boundary.errors.shape == (2, boundary.omega.size)
-            assert boundary.error is not None
-            assert 0.0 < boundary.error < 0.5
-
-
 def test_all_curves_of_an_environment_stand_at_the_same_frequencies(fitted: Study) -> None:
     for environment in fitted.data.environments:
         grids = [b.omega for b in fitted.boundaries if b.environment == environment]
@@ -208,15 +197,6 @@ def compared_study(*, method="both", **inference):
     asked = {"method": method, "tolerance": 0.05, "seed": 7, **inference}
     table = table_of(("k", "b"), subjects=8)
     return Study(Sessions.from_frame(table), Scene(inference=asked, **tables))
-
-
-def test_identical_methods_have_one_band_within_its_error() -> None:
-    """Under the reference prior without pooling the posterior is Eq. 15's t."""
-    pairs = compared(family="normal")
-    assert {pair.kind for pair in pairs} == {"mean", "user", "share"}
-    for pair in pairs:
-        for difference in (pair.place, pair.width):
-            assert abs(difference.median) <= abs(difference.largest) < 0.05
 
 
 def test_bands_of_the_hierarchical_model_differ_as_their_curves_do() -> None:

@@ -15,7 +15,6 @@ import pytest
 from percept.cli import main
 from percept.files import FolderFiles, exclusive, filled_folder
 from tests import DATASETS
-from tests.survival.kill import contents
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="limits, locks and mounts are POSIX"
@@ -57,31 +56,6 @@ def small_disk(folder, size):
         yield folder
     finally:
         subprocess.run(["umount", str(folder)], check=True)
-
-
-def test_a_full_disk_is_said_and_the_earlier_result_stays(tmp_path):
-    with small_disk(tmp_path / "disk", _SIZE) as disk:
-        words = [
-            "fit",
-            STUDY,
-            "--method",
-            "classical",
-            "--level",
-            "0.9",
-            "--out",
-            str(disk / "out"),
-        ]
-        assert main(words) == 0
-        before = contents(disk)
-        ballast = disk / "ballast"
-        with contextlib.suppress(OSError):
-            ballast.write_bytes(bytes(_SIZE))
-        failed = percept("fit", STUDY, "--method", "classical", "--out", disk / "out")
-        assert failed.returncode == 2
-        assert "cannot be written: No space left on device" in failed.stderr
-        assert str(disk / "out") in failed.stderr
-        ballast.unlink()
-        assert contents(disk) == before
 
 
 def test_a_posterior_that_does_not_fit_is_an_error_and_ends_no_process(tmp_path):

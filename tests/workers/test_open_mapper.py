@@ -24,12 +24,6 @@ def test_arguments_are_taken_when_the_result_before_is_handed_back():
     assert seen == ["take 0", "0: 0", "take 1", "1: 1", "take 2", "2: 4"]
 
 
-def test_an_error_is_its_argument_s_and_the_others_go_on():
-    found = dict(in_process(lambda x: 1 / x, [2, 0, 4]))
-    assert (found[2], found[4]) == (0.5, 0.25)
-    assert isinstance(found[0], ZeroDivisionError)
-
-
 def test_an_interruption_is_no_result():
     def interrupted(x):
         raise KeyboardInterrupt
