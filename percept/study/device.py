@@ -59,33 +59,19 @@ _LOWEST_FRACTION = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class DeviceDraws:
-    """N devices, spread over their posterior; the first few of them spread over it, too."""
-
-    stacked: Device  # Of parameters (N,)
-
-    @property
-    def count(self) -> int:
-        """Number of devices, N."""
-        return np.size(self.stacked.mass)
-
-    def device(self, index: int) -> Device:
-        """Return one device."""
-        return self.stacked.select(index)
-
-    def first(self, count: int) -> DeviceDraws:
-        """Return the first devices."""
-        return DeviceDraws(self.stacked.select(slice(count)))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
 class Setup:
     """Device, coupling and the references that curves are drawn for."""
 
     loop: Loop  # With the device
     references: Mapping[str, Environment]  # By environment
     coupling: Coupling | None = None
-    draws: DeviceDraws | None = None  # Where the scene's device has a posterior
+    #: N devices of its posterior, stacked; the first few are spread over it, too.
+    draws: Device | None = None
+
+    @property
+    def draw_count(self) -> int | None:
+        """Number of devices of its posterior, N; None without one."""
+        return None if self.draws is None else np.size(self.draws.mass)
 
     def with_device(self, device: AnyDevice) -> Setup:
         """Return the same with another device."""
@@ -230,7 +216,7 @@ def read_response(path: str, limits: FileLimits) -> TabulatedDevice:
         raise UsageError(f"cannot be read: {error}.", file=path) from error
 
 
-def device_draws(scene: Scene) -> DeviceDraws | None:
+def device_draws(scene: Scene) -> Device | None:
     """Draw devices from the posterior of a scene's `[device]`; None without one.
 
     Parameters
@@ -240,7 +226,8 @@ def device_draws(scene: Scene) -> DeviceDraws | None:
 
     Returns
     -------
-    DeviceDraws or None
+    Device or None
+        Of parameters (N,), in random order.
 
     Raises
     ------
@@ -271,8 +258,7 @@ def device_draws(scene: Scene) -> DeviceDraws | None:
     for number in range(1, len(table.modes) + 1):
         parts = (arrays[f"mode {number} {part}"] for part in ("mass", "stiffness", "damping"))
         modes.append(haptics.Mode(*parts))
-    stiffness = arrays["stiffness"]
-    return DeviceDraws(Device(arrays["mass"], arrays["damping"], tuple(modes), stiffness))
+    return Device(arrays["mass"], arrays["damping"], tuple(modes), arrays["stiffness"])
 
 
 def _read_draws(file: str, parameters: tuple[str, ...], limits: FileLimits) -> Array:

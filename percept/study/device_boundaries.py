@@ -68,7 +68,7 @@ class DeviceCurves:
     def __init__(self, setup: Setup, law: Law, omega: Array) -> None:
         assert setup.draws is not None
         k, b, probability = law.pair.even(_POINTS)
-        device = np.arange(_POINTS) % setup.draws.count
+        device = np.arange(_POINTS) % np.size(setup.draws.mass)
         mass = float(setup.references[law.environment].mass)
 
         def logs(held: AnyDevice) -> Array:
@@ -77,7 +77,7 @@ class DeviceCurves:
             return np.log(np.maximum(magnitude, _SMALLEST))
 
         at_point = logs(setup.loop.device)
-        on_devices = logs(setup.draws.stacked.select(device))
+        on_devices = logs(setup.draws.select(device))
         # All points, then runs of them. Points and devices are even in every run; every eighth
         # device would not be.
         run = _POINTS // _BATCHES

@@ -117,7 +117,7 @@ def coupling_map(setup: Setup, whose: MapUsers, scene: Scene) -> AdmissibleCoupl
         central=scene.verdict.central,
         decision=scene.inference.decision,
         environments=tuple(maps),
-        devices=None if setup.draws is None else setup.draws.count,
+        devices=setup.draw_count,
     )
 
 

@@ -25,7 +25,7 @@ from percept.haptics.rendering import (
 )
 from percept.results import DeviceStability, Rendered, RenderedEdge, RenderedWall, ZWidth
 from percept.study.basics import Array
-from percept.study.device import DeviceDraws, Setup
+from percept.study.device import Setup
 
 #: Devices with modes whose margins are searched for: each takes a search over frequencies. As many
 #: independent ones tell a probability to a standard error of 0.03, and Sobol's points a better one.
@@ -79,7 +79,7 @@ def study_zwidth(setup: Setup | None) -> ZWidth | None:
 
 
 def z_width(
-    loop: Loop, references: Mapping[str, Environment], draws: DeviceDraws | None = None
+    loop: Loop, references: Mapping[str, Environment], draws: Device | None = None
 ) -> ZWidth:
     """Return the edge of what a device renders with every passive hand.
 
@@ -90,7 +90,7 @@ def z_width(
         filter count; the kind of hold does not.
     references : mapping
         Environments to show beside the edge, by name.
-    draws : DeviceDraws, optional
+    draws : Device, optional
         Of the device's posterior.
 
     Returns
@@ -104,7 +104,7 @@ def z_width(
     likely = None
     if draws is not None:
         # The edge widens with the damping: what it reaches in 95 % of devices tells all.
-        damping = float(np.quantile(draws.stacked.damping, 1.0 - _LIKELY))
+        damping = float(np.quantile(draws.damping, 1.0 - _LIKELY))
         likely = _edge(dataclasses.replace(loop, device=Device(0.0, damping)))
     # Of nothing to render only a table can leave something open.
     known = can_render(loop, Environment(0.0, 0.0)).verdict == "can"
@@ -128,14 +128,14 @@ def _edge(loop: Loop) -> RenderedEdge:
 
 
 def margins_of_draws(
-    draws: DeviceDraws, loop: Loop, environment: Environment | None, coupling: Coupling | None
+    draws: Device, loop: Loop, environment: Environment | None, coupling: Coupling | None
 ) -> Array:
     """Return what each device dissipates over what is asked for, at its least.
 
     Parameters
     ----------
-    draws : DeviceDraws
-        N devices.
+    draws : Device
+        N devices, stacked.
     loop : Loop
         That they are in; its own device does not count.
     environment : Environment or None
@@ -150,16 +150,15 @@ def margins_of_draws(
         exactly. Of devices with modes the first 256 are, each on frequencies of its own.
     """
     needed = needed_damping(loop, environment, coupling=coupling).damping
-    damping = np.asarray(draws.stacked.damping)
+    damping = np.asarray(draws.damping)
     with np.errstate(divide="ignore"):
         margins = np.asarray(damping / np.float64(needed))
-    if not draws.stacked.modes or np.isinf(needed):
+    if not draws.modes or np.isinf(needed):
         return margins
-    searched = draws.first(_SEARCHED)
-    margins = margins[: searched.count]
+    margins = margins[:_SEARCHED]
     even = search_grid(dataclasses.replace(loop, device=Device(0.0, 0.0)))
-    for index in range(searched.count):
-        own = dataclasses.replace(loop, device=searched.device(index))
+    for index in range(margins.size):
+        own = dataclasses.replace(loop, device=draws.select(index))
         omega = np.union1d(even, alias_features(own))
         load = rendering_load(own, omega, environment, coupling=coupling)
         # Modes only add to what the damping dissipates.
@@ -168,7 +167,7 @@ def margins_of_draws(
 
 
 def device_stability(
-    draws: DeviceDraws, loop: Loop, environment: Environment | None, coupling: Coupling | None
+    draws: Device, loop: Loop, environment: Environment | None, coupling: Coupling | None
 ) -> DeviceStability:
     """Say how probably a device renders, given what is known of it.
 
@@ -205,13 +204,13 @@ class StableCouplings:
     def __init__(self, setup: Setup, environments: Sequence[str]) -> None:
         self.loop = setup.loop
         #: Number of devices from a posterior; None without one.
-        self.devices = None if setup.draws is None else setup.draws.count
+        self.devices = setup.draw_count
         self._environments = [setup.references[name] for name in environments]
         # What each device gives: its damping, N·s/m, or all that it dissipates.
         device = self.loop.device
         self._given = np.ones(1)
         if setup.draws is not None:
-            self._given = np.sort(np.asarray(setup.draws.stacked.damping))
+            self._given = np.sort(np.asarray(setup.draws.damping))
         elif isinstance(device, Device) and not device.modes:
             self._given = np.atleast_1d(device.damping)
         self._by_damping = isinstance(device, Device) and (

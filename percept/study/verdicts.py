@@ -221,8 +221,8 @@ def _by_posterior(
 ) -> Evidence:
     """Judge draws of the users, each on a draw of the device."""
     if setup.draws is not None:
-        which = np.arange(users.size) % setup.draws.count
-        setup = setup.with_device(setup.draws.stacked.select(which))
+        which = np.arange(users.size) % np.size(setup.draws.mass)
+        setup = setup.with_device(setup.draws.select(which))
     return feels_real(
         setup.display(environment, coupled=coupled),
         users,

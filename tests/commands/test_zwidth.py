@@ -6,7 +6,6 @@ import pytest
 
 from percept.cli import main
 from percept.haptics import Coupling, Device, Environment, Loop, needed_damping
-from percept.study.device import DeviceDraws
 from percept.study.rendering import z_width
 
 T = 1e-3
@@ -90,7 +89,7 @@ def test_a_device_without_damping_renders_nothing():
 def test_of_a_posterior_95_per_cent_of_devices_render_the_likely_edge():
     rng = np.random.default_rng(4)
     damping = np.exp(rng.normal(np.log(8.0), 0.2, 512))
-    draws = DeviceDraws(Device(np.full(512, 1.0), damping))
+    draws = Device(np.full(512, 1.0), damping)
     loop = Loop(Device(1.0, 8.0), T, delay=0.7)
     width = z_width(loop, {}, draws)
     inner = slice(3, -3, 25)

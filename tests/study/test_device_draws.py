@@ -25,7 +25,7 @@ def scene(posterior, **device):
 
 def test_draws_have_the_posteriors_moments():
     covariance = [[0.01, -0.01], [-0.01, 0.04]]
-    draws = device_draws(scene({"covariance": covariance})).stacked
+    draws = device_draws(scene({"covariance": covariance}))
     logs = np.log([draws.mass, draws.damping])
     # Sobol's points err far less than as many independent ones, whose error of a mean this is.
     assert logs.mean(axis=1) == pytest.approx(np.log([1.0, 16.0]), abs=0.2 / np.sqrt(512))
@@ -54,7 +54,7 @@ def test_margins_of_modal_devices_are_those_of_each_alone(delay):
     assert found.size == 256
     for index in range(0, found.size, 64):
         alone = haptics.can_render(
-            haptics.Loop(draws.device(index), 1e-3, delay=delay), WALL, coupling=COUPLING
+            haptics.Loop(draws.select(index), 1e-3, delay=delay), WALL, coupling=COUPLING
         )
         # The frequencies are not refined: they miss a minimum by less than this.
         assert found[index] == pytest.approx(alone.margin, rel=2e-3)
@@ -71,7 +71,7 @@ def test_draws_of_a_file(tmp_path):
     file = tmp_path / "draws.csv"
     file.write_text("mass,damping\n1,10\n1,20\n1,30\n1,40\n", encoding="utf-8")
     draws = device_draws(scene({"draws": str(file)}))
-    assert sorted(draws.stacked.damping) == [10.0, 20.0, 30.0, 40.0]
+    assert sorted(draws.damping) == [10.0, 20.0, 30.0, 40.0]
     assert device_stability(draws, LOOP, WALL, COUPLING).probability == 0.75
     for text, message in (
         ("mass\n1\n", "There is no column 'damping'; there are mass"),

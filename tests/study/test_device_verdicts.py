@@ -47,7 +47,7 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
     spread = relative_sd(users)
     inside = []
     for index in range(evidence.draws):
-        one = setup.with_device(setup.draws.device(index))
+        one = setup.with_device(setup.draws.select(index))
         display = one.display("VE2", coupled=coupled)
         user = users.select(slice(index, index + 1))
         omega = frequencies(one, "VE2", spread, scene)

@@ -37,7 +37,7 @@ def test_probabilities_are_shares_of_devices_that_render(fitted: Study, modes) -
     damping = np.array([1.0, 3.0, 5.0])
     stiffness = 0.9 * stable.limit(damping)
     found = stable.probability(stiffness, damping)
-    dampings = np.asarray(setup.draws.stacked.damping)
+    dampings = np.asarray(setup.draws.damping)
     for index in range(damping.size):
         coupling = Coupling(stiffness[index], damping[index])
         needed = [
@@ -68,7 +68,7 @@ def test_an_admissible_coupling_is_stable_and_real_with_the_decision(fitted: Stu
     at_point = coupling_map(setup_at_point, MapUsers(users, "bayesian"), scene)
     assert with_draws is not None
     assert at_point is not None
-    assert with_draws.devices == setup.draws.count
+    assert with_draws.devices == setup.draw_count
     assert at_point.devices is None
     (found,) = with_draws.environments
     (point,) = at_point.environments
