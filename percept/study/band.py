@@ -132,10 +132,10 @@ def classical_replicates(data: Data, banded: Sequence[Banded]) -> Replicates:
         for one_band in banded:
             for of_environment in one_band.cells(moments).values():
                 needed.update(of_environment)
-        redrawn = {cell: _redrawn(moments[cell], rng) for cell in moments if cell in needed}
         replicates["classical", family] = {
-            cell: _limits(moments[cell], *drawn, family, data.asked)
-            for cell, drawn in redrawn.items()
+            cell: _redrawn_limits(moments[cell], family, data.asked, rng)
+            for cell in moments
+            if cell in needed
         }
     return replicates
 
@@ -153,26 +153,23 @@ def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
     return {("bayesian", asked.family): limits}
 
 
-def _redrawn(moments: Moments, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Means and SDs of studies of a population that has these, SDs unbiased in their logarithm."""
-    # Over many environments a law's error would soon be less than the bias of each, about -1/(2n).
+def _redrawn_limits(
+    moments: Moments, family: Family, asked: InferenceTable, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Limits that other studies of a population with these means and SDs would give.
+
+    A half-width in SDs depends on n alone. Redrawn SDs are unbiased in their logarithm: over many
+    environments a law's error would soon be less than the bias of each, about -1/(2n).
+    """
     n = int(np.asarray(moments.n))
-    sd = float(moments.sd)
     df = n - 1
     half = 0.5 * df
-    mean = float(moments.mean) + sd / np.sqrt(n) * rng.standard_normal(_BOOTSTRAP)
+    mean = float(moments.mean) + float(moments.sd) / np.sqrt(n) * rng.standard_normal(_BOOTSTRAP)
     log_bias = 0.5 * (special.digamma(half) - np.log(half))
     ratio = np.sqrt(rng.chisquare(df, _BOOTSTRAP) / df)
-    return mean, sd / np.exp(log_bias) * ratio
-
-
-def _limits(
-    moments: Moments, mean: Array, sd: Array, family: Family, asked: InferenceTable
-) -> tuple[Array, Array]:
-    """Limits about redrawn means and SDs: an interval's half-width in SDs depends on n alone."""
     interval = interval_of("user", moments, Claim(**claim_of(asked), family=family))
     assert interval.factor is not None
-    half_width = float(interval.factor) * sd
+    half_width = float(interval.factor) * (float(moments.sd) / np.exp(log_bias) * ratio)
     lower = mean - half_width
     upper = mean + half_width
     if family == "normal":
