@@ -37,10 +37,6 @@ BURN_IN = 40
 _LEARNING = 24
 #: Steps after which positions are mapped and progress is told.
 _SEGMENT = 96
-#: Steps a run takes, times the squared jump of a step: a first guess at its length, for the clock
-#: alone.
-_STEPS_PER_JUMP = 15.0
-_LEAST_JUMP = 1e-3
 #: Steps aimed at over those the error predicts: a prediction that falls short costs a round.
 _MARGIN = 1.1
 #: Most that one round multiplies the length of a run: early errors predict badly.
@@ -114,8 +110,7 @@ class Chain:
         self._closed: _Closed | None = None
         self._most_positions = self._positions_in_memory(points)
         self._goal = min(pace.first_round, self._most_positions * pace.stride)
-        guess = _STEPS_PER_JUMP / max(self._walkers.schedule.squared_jump, _LEAST_JUMP)
-        self._expected = BURN_IN + max(pace.first_round, guess)
+        self._expected: float = BURN_IN + pace.first_round
         self._error = math.nan
 
     def _positions_in_memory(self, points: Array) -> int:

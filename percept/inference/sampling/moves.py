@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from percept.inference.sampling.target import Target
 
-__all__ = ["Ensembles", "IndependentMove", "PCNMove", "ReferenceLaw", "Schedule", "standard_moves"]
+__all__ = ["Ensembles", "IndependentMove", "PCNMove", "ReferenceLaw", "standard_moves"]
 
 Array = NDArray[np.float64]
 Generators = Sequence[np.random.Generator]
@@ -184,25 +184,16 @@ class PCNMove(ReferenceMove):
         return self._law.rotate(coords, generator)[:, None]
 
 
-@dataclass(frozen=True)
-class Schedule:
-    """How often each move is chosen, and how far a step takes the walkers that are served worst."""
+def _earned_share(independent: ReferenceMove, rotation: ReferenceMove) -> float:
+    """Share of independent draws, by the squared jumps of both moves for the same cost.
 
-    independent: float = 0.5  # Share of independent draws among the steps
-    squared_jump: float = math.nan  # Mean over steps and coordinates, where that was chosen
-
-    @classmethod
-    def earned(cls, independent: ReferenceMove, rotation: ReferenceMove) -> Schedule:
-        """Choose shares by the squared jumps of both moves for the same cost.
-
-        Jumps are in standard coordinates, each about the normal score of one of the target's.
-        """
-        far = independent.squared_jumps / max(independent.steps, 1)
-        near = rotation.squared_jumps / max(rotation.steps, 1)
-        worth = far / _COST_INDEPENDENT
-        share = worth / (worth + near) if worth or near else 0.5
-        share = float(np.clip(share, _LEAST_INDEPENDENT, _MOST_INDEPENDENT))
-        return cls(share, share * far + (1.0 - share) * near)
+    Jumps are in standard coordinates, each about the normal score of one of the target's.
+    """
+    far = independent.squared_jumps / max(independent.steps, 1)
+    near = rotation.squared_jumps / max(rotation.steps, 1)
+    worth = far / _COST_INDEPENDENT
+    share = worth / (worth + near) if worth or near else 0.5
+    return float(np.clip(share, _LEAST_INDEPENDENT, _MOST_INDEPENDENT))
 
 
 def standard_moves(
@@ -240,7 +231,7 @@ class Ensembles:
         self._state = emcee.State(flat, log_prob=log_prob, random_state=random_state, copy=True)
         self.accepted = np.zeros(len(flat))  # (E W,) Accepted steps per walker so far
         self.steps = 0  # Steps taken so far
-        self.schedule = Schedule()
+        self._independent = 0.5  # Share of independent draws among the steps
 
     def advance(
         self,
@@ -251,11 +242,11 @@ class Ensembles:
     ) -> Array:
         """Run all ensembles for some steps; every `stride`-th position, (E, T, W, d).
 
-        A run that learns sets the schedule of its moves to what these steps earned.
+        A run that learns sets the shares of its moves by how far they took walkers in these steps.
         """
         ensembles, walkers, dimension = self._shape
         law = ReferenceLaw(dimension)
-        moves = standard_moves(law, self._generators, self.schedule.independent)
+        moves = standard_moves(law, self._generators, self._independent)
         sampler = emcee.EnsembleSampler(
             ensembles * walkers, dimension, self._target, moves=moves, vectorize=True
         )
@@ -277,5 +268,5 @@ class Ensembles:
         self.steps += steps
         if learn:
             (independent, _), (rotation, _) = moves
-            self.schedule = Schedule.earned(independent, rotation)
+            self._independent = _earned_share(independent, rotation)
         return kept
