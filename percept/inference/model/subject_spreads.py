@@ -169,44 +169,44 @@ class SubjectSpreads:
 
     def __call__(self, coordinates: Array, omega: Array) -> tuple[Array, Array]:
         """Map coordinates (P, N, W) given omega_s (P, W) to phi (P, N, W) and log density (W,)."""
-        phi: list[Array] = []
+        phi = []
         log_density = np.zeros(omega.shape[1])
-        for p, rough_log_sd in enumerate(self._rough_log_sd):
-            rough = rough_log_sd[:, None]
-            of_quantity, density = self._of_quantity(p, coordinates[p], omega[p], rough)
-            phi.append(of_quantity)
+        for p, of_quantity in enumerate(coordinates):
+            ratios, density = self._ratios(p, of_quantity, omega[p])
+            phi.append(omega[p] * ratios)
             log_density += density
         return np.stack(phi), log_density
 
-    def _of_quantity(
+    def _ratios(
         self,
         quantity: int,
-        coordinates: Array,
+        v: Array,
         omega: Array,
-        rough: Array,
     ) -> tuple[Array, Array]:
-        """Log ratios phi (N, W) of one quantity by its rough log SDs, and log density (W,)."""
+        """Ratios f = phi/omega_s (N, W) at coordinates v of one quantity, and log density (W,)."""
         weight = self.weight[quantity][:, None]
+        rough = self._rough_log_sd[quantity][:, None]
         total = weight.sum()
-        s = 1.0 + weight * omega**2
-        root = np.sqrt(s)
-        if total == 0.0:
-            ratios = coordinates
-            g = np.ones_like(omega)
-        else:
-            shares = weight / s
+        root = np.sqrt(1.0 + weight * omega**2)  # √s
+        whitened = v
+        g = np.ones_like(omega)
+        if total > 0.0:
+            direction = weight / root
+            direction = direction / np.sqrt(np.einsum("nw,nw->w", direction, direction))
+            shares = weight / root**2
             g = np.sqrt(total / shares.sum(axis=0))
-            weighted = weight * rough
-            mean = weighted.sum(axis=0) / total
-            pull = omega * weight * (rough - mean)
-            ratios = _ratios(coordinates, pull, weight, root, g)
+            mean = (weight * rough).sum() / total
+            pull = omega * weight * (rough - mean) / root
+            pull_along = np.einsum("nw,nw->w", direction, pull)
+            v_along = np.einsum("nw,nw->w", direction, v)
+            along = (g**2 - 1.0) * pull_along + (g - 1.0) * v_along
+            whitened = pull + v + direction * along
+        ratios = whitened / root
         squares = np.einsum("nw,nw->w", ratios, ratios)
-        # The prior of f = phi/omega_s times the Jacobian of the map, g prod(s^(-1/2)).
-        log_roots = np.log(root)
-        log_jacobian = np.log(g) - log_roots.sum(axis=0)
-        log_prior = -0.5 * (squares + _LOG_2PI * len(coordinates))
-        log_density = log_prior + log_jacobian
-        return omega * ratios, log_density
+        # The prior of f times the Jacobian of the map, g prod(s^(-1/2)).
+        log_density = np.log(g) - np.log(root).sum(axis=0)
+        log_density -= 0.5 * (squares + _LOG_2PI * len(v))
+        return ratios, log_density
 
     def cells_given(self, phi: Array) -> Array:
         """How far phi (P, N, W) moves the rough log SDs of cells, (P, C, W)."""
@@ -220,26 +220,3 @@ class SubjectSpreads:
             ratio = np.divide(adjusted, unadjusted, out=unmoved, where=has_scatter)
             moves.append(0.5 * np.log(ratio))
         return np.stack(moves)
-
-
-def _ratios(
-    coordinates: Array,
-    pull: Array,
-    weight: Array,
-    root: Array,
-    g: Array,
-) -> Array:
-    """Ratios f = phi/omega_s, (N, W): their mean, and coordinates by a root of their covariance.
-
-    The pull (N, W) is omega_s w (l - l̄), which the covariance takes to the mean; the root is √s.
-    """
-    direction = weight / root
-    square = np.einsum("nw,nw->w", direction, direction)
-    direction = direction / np.sqrt(square)
-    scaled_pull = pull / root
-    pull_along = np.einsum("nw,nw->w", direction, scaled_pull)
-    coordinates_along = np.einsum("nw,nw->w", direction, coordinates)
-    mean = scaled_pull + (g**2 - 1.0) * direction * pull_along
-    departure = coordinates + (g - 1.0) * direction * coordinates_along
-    whitened = mean + departure
-    return np.asarray(whitened / root)
