@@ -84,7 +84,6 @@ class Grid:
         self.layout = layout or Layout()
         self.notices = list(self.layout.notices)
         self.dropped = Counter[str]()  # Records that are no data, by reason
-        self._refuse_half("".join(names), 1)
         # A delimiter may end the header; a column without a name is called by its position.
         named = names if names[-1].strip() else names[:-1]
         self.header = [name.strip() or f"column {number}" for number, name in enumerate(named, 1)]
@@ -117,7 +116,6 @@ class Grid:
         width = 0
         for line, cells in records:
             text = "".join(cells)
-            self._refuse_half(text, line)
             if cells == names:
                 self.dropped["repeated header"] += 1
             elif not text or text.isspace():
@@ -138,13 +136,6 @@ class Grid:
                     raise self._ragged(names, line, cells, width)
                 yield line, cells
 
-    def _refuse_half(self, text: str, line: int) -> None:
-        """Refuse half of a character, which JSON and escapes can write, and no file can hold."""
-        if not text.isascii() and _HALF.search(text):
-            message = "half of a character (a lone surrogate)."
-            hint = "Write the text again."
-            raise UsageError(message, file=self.file, row=line, value=clip(text), hint=hint)
-
     def _ragged(self, names: list[str], line: int, cells: list[str], width: int) -> UsageError:
         """Say that a record has not as many cells as the first, or fits no header."""
         message = f"{len(cells)} cells where the header has {len(names)}"
@@ -154,6 +145,19 @@ class Grid:
             hint += " Decimal commas need quotes; R's write.table needs col.names = NA."
         value = clip(self.delimiter.join(cells))
         return UsageError(message, file=self.file, row=line, value=value, hint=hint)
+
+
+def refuse_half(text: str, file: str, row: int) -> None:
+    """Refuse half of a character, which JSON and escapes can write, and no file can hold.
+
+    The text begins in the row that is given.
+    """
+    found = None if text.isascii() else _HALF.search(text)
+    if found:
+        row += text.count("\n", 0, found.start())
+        message = "half of a character (a lone surrogate)."
+        value = clip(text[found.start() :])
+        raise UsageError(message, file=file, row=row, value=value, hint="Write the text again.")
 
 
 def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
@@ -177,6 +181,7 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
     UsageError
         No dialect fits, or several fit equally well.
     """
+    refuse_half(text, file, 1)
     text = text.replace("\r\r\n", "\r\n")  # So some programs end a line
     first_row = 1
     if sep := _SEP_LINE.match(text):

@@ -26,7 +26,7 @@ from percept.sessions.files import Input, is_workbook, load
 from percept.sessions.layout import MOST_ROWS, layout_of
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, shown
-from percept.sessions.text import Grid, with_header
+from percept.sessions.text import Grid, refuse_half, with_header
 from percept.sessions.values import unique_keys
 
 #: The header, then the rows.
@@ -151,9 +151,11 @@ def grid_of(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Gri
 def _texts(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Iterator[list[str]]:
     """Write the cells of each row; a file may hold one long text many times."""
     size = 0
-    for row in rows:
+    for number, row in enumerate(rows, 1):
         texts = [_text(value) for value in row]
-        size += sum(map(len, texts))
+        joined = "".join(texts)
+        refuse_half(joined, file, number)
+        size += len(joined)
         limits.hold_size(size, file)
         yield texts
 

@@ -28,13 +28,14 @@ class Trial:
     b_adj: float | None
 
 
+Files = Mapping[str, bytes]
+
+
 @dataclass(frozen=True)
 class Writer:
     """A tool's way of writing trials."""
 
-    write: Callable[
-        [Sequence[Trial]], Mapping[str, bytes]
-    ]  # From trials to the files' names and bytes
+    write: Callable[[Sequence[Trial]], Files]  # To names and bytes of files
     tables: Mapping[str, object] = field(default_factory=dict)
     decimals: int | None = None  # Digits after the decimal mark, where the tool rounds
 
@@ -44,7 +45,7 @@ class Writer:
         return ReadOptions.from_mapping(self.tables)
 
 
-_NAMES = ("subject", "session", "environment", "trial", "k_ref", "b_ref", "k_adj", "b_adj")
+_NAMES = "subject session environment trial k_ref b_ref k_adj b_adj"
 _REFERENCES = {"VE1": (15.0, 0.7), "VE2": (1000.0, 1.5), "Wände 3": (10000.0, 10.0)}
 
 
@@ -59,18 +60,14 @@ def example(decimals: int | None = None) -> list[Trial]:
                 k_adj, b_adj = k * wobble, b / wobble
                 if decimals is not None:
                     k_adj, b_adj = round(k_adj, decimals), round(b_adj, decimals)
-                missing = (s, e, trial) == (1, 1, 2)
-                out.append(
-                    Trial(
-                        subject, "01", environment, trial, k, b, k_adj, None if missing else b_adj
-                    )
-                )
+                b_adj = None if (s, e, trial) == (1, 1, 2) else b_adj
+                out.append(Trial(subject, "01", environment, trial, k, b, k_adj, b_adj))
     return out
 
 
 def frame(trials: Sequence[Trial]) -> pd.DataFrame:
     """Trials as the table a reader should give."""
-    return pd.DataFrame([{name: getattr(trial, name) for name in _NAMES} for trial in trials])
+    return pd.DataFrame([vars(trial) for trial in trials])
 
 
 def delimited(
@@ -87,57 +84,58 @@ def delimited(
     return out.getvalue().encode(encoding)
 
 
-def _number(
-    value: float | None, *, mark: str = ".", missing: str = "", decimals: int | None = None
-) -> str:
-    if value is None:
-        return missing
-    text = repr(float(value)) if decimals is None else f"{value:.{decimals}f}"
-    return text.replace(".", mark)
-
-
 def _records(
-    trials: Sequence[Trial], *, names: Sequence[str] = _NAMES, **style: object
+    trials: Sequence[Trial],
+    names: str = _NAMES,
+    *,
+    mark: str = ".",
+    missing: str = "",
+    decimals: int | None = None,
 ) -> list[list[str]]:
-    return [list(names)] + [
-        [t.subject, t.session, t.environment, str(t.trial)]
-        + [_number(v, **style) for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)]  # type: ignore[arg-type]
-        for t in trials
-    ]
+    """A header and a row per trial; "column=value" writes a constant, "column:name" another name.
+
+    Underscores in the tool's own names are spaces where they begin with a capital.
+    """
+    columns = [name.replace("=", ":=").split(":") for name in names.split(" ")]
+    header = [own.replace("_", " ") if own[0].isupper() else own for own, *_ in columns]
+    rows = [header]
+    for trial in trials:
+        row = []
+        for own, *source in columns:
+            name = source[0] if source else own
+            value = name[1:] if name.startswith("=") else getattr(trial, name)
+            if isinstance(value, float):
+                text = repr(value) if decimals is None else f"{value:.{decimals}f}"
+                value = text.replace(".", mark)
+            row.append(missing if value is None else str(value))
+        rows.append(row)
+    return rows
 
 
 def _one(
     name: str, write: Callable[[Sequence[Trial]], bytes]
-) -> Callable[[Sequence[Trial]], Mapping[str, bytes]]:
+) -> Callable[[Sequence[Trial]], Files]:
     return lambda trials: {name: write(trials)}
 
 
-def _psychopy_text(trials: Sequence[Trial], delimiter: str, mark: str = ".") -> str:
-    header = [
-        "environment", "k_ref", "b_ref", "trials.thisRepN", "trials.thisTrialN", "trials.thisN",
-        "instructions.started", "k_adj", "b_adj", "slider.history", "slider.started", "participant",
-        "session", "date", "expName", "psychopyVersion", "frameRate",
-    ]  # fmt: skip
-    lines = [header]
-    for t in trials:
-        numbers = [
-            _number(v, mark=mark, missing="None") for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)
-        ]
-        lines.append(
-            [t.environment, *numbers[:2], "0", "0", str(t.trial), "None", *numbers[2:],
-             f"[np.float64({t.k_ref!r}), 0.36, 'said \"now\" twice']", "12.5", t.subject, t.session,
-             "2026-03-01_10h12", "matching", "2024.2.4", "60.0"]
-        )  # fmt: skip
-    # A cell is quoted only where it holds the delimiter; nothing in it is escaped; each line ends
-    # with one.
-    return "".join(
-        "".join((f'"{cell}"' if delimiter in cell else cell) + delimiter for cell in line) + "\n"
-        for line in lines
-    )
+_PSYCHOPY = (
+    "environment k_ref b_ref trials.thisRepN=0 trials.thisTrialN=0 trials.thisN:trial"
+    " instructions.started=None k_adj b_adj slider.history=HISTORY slider.started=12.5"
+    " participant:subject session date=2026-03-01_10h12 expName=matching psychopyVersion=2024.2.4"
+    " frameRate=60.0"
+)
 
 
 def _psychopy(trials: Sequence[Trial], delimiter: str = ",", mark: str = ".") -> bytes:
-    return _psychopy_text(trials, delimiter, mark).encode("utf-8-sig")
+    # A cell is quoted only where it holds the delimiter; nothing in it is escaped; each line ends
+    # with one.
+    history = "[np.float64(1.5), 0.36, 'said \"now\" twice']"
+    lines = []
+    for row in _records(trials, _PSYCHOPY, mark=mark, missing="None"):
+        cells = [history if cell == "HISTORY" else cell for cell in row]
+        quoted = [f'"{cell}"' if delimiter in cell else cell for cell in cells]
+        lines.append("".join(cell + delimiter for cell in quoted) + "\n")
+    return "".join(lines).encode("utf-8-sig")
 
 
 def _psychopy_appended(trials: Sequence[Trial]) -> bytes:
@@ -146,187 +144,100 @@ def _psychopy_appended(trials: Sequence[Trial]) -> bytes:
 
 
 def _jspsych(trials: Sequence[Trial]) -> bytes:
-    names = [
-        "trial_type",
-        "trial_index",
-        "subject",
-        "session",
-        "environment",
-        "trial",
-        "k_ref",
-        "b_ref",
-        "rt",
-        "stimulus",
-        "response",
-        "slider_start",
-    ]
-    rows = [names]
-    for at, t in enumerate(trials):
-        rows.append(["html-keyboard-response", str(2 * at), t.subject, t.session, *[""] * 4,
-                     "812", '<p class="big">Ready?</p>', '" "', ""])  # fmt: skip
-        response = json.dumps({"k": t.k_adj, "b": t.b_adj})
-        rows.append(
-            [
-                "impedance-slider",
-                str(2 * at + 1),
-                t.subject,
-                t.session,
-                t.environment,
-                str(t.trial),
-                repr(t.k_ref),
-                repr(t.b_ref),
-                "null",
-                "null",
-                response,
-                "50",
-            ]
-        )
-    return delimited(rows, newline="\r\n", quoting=csv.QUOTE_ALL)
+    names = "trial_type=slider trial_index=1 rt=812 stimulus=null slider_start=50 response=null"
+    header, *rows = _records(trials, f"{names} {_NAMES.removesuffix(' k_adj b_adj')}")
+    lines = [header]
+    for trial, row in zip(trials, rows, strict=True):
+        ready = ["keyboard", "0", "812", '<p class="big">Ready?</p>', "", '" "', *row[6:8]]
+        response = json.dumps({"k": trial.k_adj, "b": trial.b_adj})
+        lines += [ready + [""] * (len(row) - len(ready)), [*row[:5], response, *row[6:]]]
+    return delimited(lines, newline="\r\n", quoting=csv.QUOTE_ALL)
 
 
-def _opensesame(trials: Sequence[Trial]) -> Mapping[str, bytes]:
-    names = [
-        "count_trial_sequence",
-        "k_adj",
-        "b_adj",
-        "b_ref",
-        "datetime",
-        "environment",
-        "k_ref",
-        "note",
-        "session",
-        "subject_nr",
-        "trial",
-    ]
-    files: dict[str, list[list[str]]] = {}
-    for at, t in enumerate(trials):
-        rows = files.setdefault(t.subject, [names])
-        numbers = [_number(v, missing="NA") for v in (t.k_adj, t.b_adj, t.b_ref, t.k_ref)]
-        rows.append([str(at), *numbers[:3], "03/01/26", t.environment, numbers[3], 'he said "stop"',
-                     t.session, t.subject, str(t.trial)])  # fmt: skip
-    return {
-        f"subject-{at}.csv": (
-            "".join(
-                ",".join('"' + cell.replace('"', '\\"') + '"' for cell in row) + "\n"
-                for row in rows
-            ).encode()
-        )
-        for at, rows in enumerate(files.values())
-    }
+def _opensesame(trials: Sequence[Trial]) -> Files:
+    names = "k_adj b_adj b_ref environment k_ref note=NOTE session subject_nr:subject trial"
+    files = {}
+    for number, subject in enumerate(dict.fromkeys(trial.subject for trial in trials)):
+        own = [trial for trial in trials if trial.subject == subject]
+        rows = _records(own, names, missing="NA")
+        cells = [[cell.replace("NOTE", 'he said "stop"') for cell in row] for row in rows]
+        quoted = [",".join('"' + cell.replace('"', '\\"') + '"' for cell in row) for row in cells]
+        files[f"subject-{number}.csv"] = "\n".join([*quoted, ""]).encode()
+    return files
 
 
 def _uxf(trials: Sequence[Trial], delimiter: str = ",", mark: str = ".") -> bytes:
-    names = [
-        "experiment",
-        "ppid",
-        "session_num",
-        "trial_num",
-        "block_num",
-        "start_time",
-        "environment",
-        "k_ref",
-        "b_ref",
-        "k_adj",
-        "b_adj",
-    ]
-    rows = [names]
-    for t in trials:
-        numbers = [
-            _number(v, mark=mark, missing="null", decimals=6)
-            for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)
-        ]
-        start = _number(1.5, mark=mark, decimals=6)
-        rows.append(
-            ["hbfd", t.subject, t.session, str(t.trial), "1", start, t.environment, *numbers]
-        )
+    names = (
+        "experiment=hbfd ppid:subject session_num:session trial_num:trial block_num=1 environment"
+        " k_ref b_ref k_adj b_adj"
+    )
+    rows = _records(trials, names, mark=mark, missing="null", decimals=6)
     return delimited(rows, delimiter=delimiter)
 
 
 def _gorilla(trials: Sequence[Trial]) -> bytes:
-    names = [
-        "Event Index",
-        "UTC Date",
-        "Participant Private ID",
-        "Session",
-        "Environment",
-        "Trial Number",
-        "k_ref",
-        "b_ref",
-        "Response Type",
-        "k_adj",
-        "b_adj",
-    ]
-    rows = [names]
-    for t in trials:
-        place = [
-            "2026-03-01",
-            t.subject,
-            t.session,
-            t.environment,
-            str(t.trial),
-            repr(t.k_ref),
-            repr(t.b_ref),
-        ]
-        rows.append([str(len(rows)), *place, "continue", "", ""])
-        first = ["1.5" if value is not None else "" for value in (t.k_adj, t.b_adj)]
-        rows.append([str(len(rows)), *place, "action", *first])
-        rows.append([str(len(rows)), *place, "action", _number(t.k_adj), _number(t.b_adj)])
-    rows.append(["END OF FILE", *[""] * (len(names) - 1)])
-    return delimited(rows, newline="\r\n")
+    names = (
+        "Event_Index=1 UTC_Date=2026-03-01 Participant_Private_ID:subject Session:session"
+        " Environment:environment Trial_Number:trial k_ref b_ref Response_Type=action k_adj b_adj"
+    )
+    header, *rows = _records(trials, names)
+    lines = [header]
+    for row in rows:
+        first = ["1.5" if cell else "" for cell in row[-2:]]
+        lines += [[*row[:-3], "continue", "", ""], [*row[:-2], *first], row]
+    lines.append(["END OF FILE", *[""] * (len(header) - 1)])
+    return delimited(lines, newline="\r\n")
 
 
 def _excel_csv(trials: Sequence[Trial]) -> bytes:
-    body = delimited(_records(trials, mark=","), delimiter=";", newline="\r\n", encoding="cp1252")
-    return b"sep=;\r\n" + body
+    rows = _records(trials, mark=",")
+    return b"sep=;\r\n" + delimited(rows, delimiter=";", newline="\r\n", encoding="cp1252")
 
 
-def _unicode_text(trials: Sequence[Trial]) -> bytes:
-    return delimited(_records(trials, mark=","), delimiter="\t", newline="\r\n", encoding="utf-16")
+def _utf_16(rows: Iterable[Sequence[str]]) -> bytes:
+    return delimited(rows, delimiter="\t", newline="\r\n", encoding="utf-16")
 
 
 def _eprime(trials: Sequence[Trial]) -> bytes:
-    names = ["Subject", "Session", "Environment", "Trial", "k_ref", "b_ref", "k_adj", "b_adj"]
-    records = _records(trials, names=names, missing="NULL")
-    return delimited(records, delimiter="\t", newline="\r\n", encoding="utf-16")
+    names = "Subject:subject Session:session Environment:environment Trial:trial k_ref b_ref"
+    return _utf_16(_records(trials, f"{names} k_adj b_adj", missing="NULL"))
 
 
-def _folder(trials: Sequence[Trial]) -> Mapping[str, bytes]:
+def _folder(trials: Sequence[Trial]) -> Files:
     files: dict[tuple[str, str], list[list[str]]] = {}
-    for record in _records(trials)[1:]:
-        files.setdefault((record[0], record[1]), [list(_NAMES[2:])]).append(record[2:])
-    return {f"sub-{s}_ses-{v}.csv": delimited(rows) for (s, v), rows in files.items()}
+    header, *rows = _records(trials)
+    for subject, session, *cells in rows:
+        files.setdefault((subject, session), [header[2:]]).append(cells)
+    return {f"sub-{s}_ses-{v}.csv": delimited(lines) for (s, v), lines in files.items()}
 
 
 def _wide(trials: Sequence[Trial]) -> bytes:
     cells = list(dict.fromkeys((t.environment, t.trial) for t in trials))
-    values = ("k_ref", "b_ref", "k_adj", "b_adj")
-    rows = [["subject", "session", *(f"{v}_{e}_{n}" for e, n in cells for v in values)]]
-    for subject, session in dict.fromkeys((t.subject, t.session) for t in trials):
-        own = {
-            (t.environment, t.trial): t
-            for t in trials
-            if (t.subject, t.session) == (subject, session)
-        }
-        numbers = [_number(getattr(own[c], v)) if c in own else "" for c in cells for v in values]
-        rows.append([subject, session, *numbers])
-    return delimited(rows)
+    header, *rows = _records(trials)
+    values = header[4:]
+    names = [f"{value}_{name}_{number}" for name, number in cells for value in values]
+    lines = [["subject", "session", *names]]
+    of_cell = {(*row[:3], int(row[3])): row[4:] for row in rows}
+    for own in dict.fromkeys((t.subject, t.session) for t in trials):
+        numbers = [of_cell.get((*own, *cell), [""] * len(values)) for cell in cells]
+        lines.append([*own, *(number for four in numbers for number in four)])
+    return delimited(lines)
 
 
 _WIDE = {c: f"{c}_{{environment}}_{{trial}}" for c in ("k_ref", "b_ref", "k_adj", "b_adj")}
-_THIS_N = {"trial": "trials.thisN"}
 
 WRITERS: Mapping[str, Writer] = {
     "plain": Writer(_one("plain.csv", lambda t: delimited(_records(t)))),
     "psychopy": Writer(_one("p.csv", _psychopy)),
     "psychopy tab": Writer(_one("p.tsv", lambda t: _psychopy(t, "\t"))),
     "psychopy semicolon": Writer(_one("p.csv", lambda t: _psychopy(t, ";"))),
-    "psychopy appended": Writer(_one("p.csv", _psychopy_appended), {"columns": _THIS_N}),
+    "psychopy appended": Writer(_one("p.csv", _psychopy_appended)),
     "psychopy european": Writer(_one("p.csv", lambda t: _psychopy(t, ";", ","))),
     "jspsych": Writer(
         _one("j.csv", _jspsych),
         {
             "columns": {c: {"name": "response", "path": c[0]} for c in ("k_adj", "b_adj")},
-            "sessions": {"only": {"trial_type": "impedance-slider"}},
+            "sessions": {"only": {"trial_type": "slider"}},
         },
     ),
     "opensesame": Writer(_opensesame),
@@ -338,7 +249,7 @@ WRITERS: Mapping[str, Writer] = {
     ),
     "e-prime export": Writer(_one("export.txt", _eprime)),
     "excel csv": Writer(_one("excel.csv", _excel_csv)),
-    "excel unicode text": Writer(_one("excel.txt", _unicode_text)),
+    "excel unicode text": Writer(_one("excel.txt", lambda t: _utf_16(_records(t, mark=",")))),
     "folder": Writer(_folder, {"sessions": {"filename": "sub-{subject}_ses-{session}"}}),
     "wide": Writer(_one("wide.csv", _wide), {"columns": _WIDE}),
 }

@@ -39,52 +39,15 @@ _NOT_DROPPED = frozenset(
         "comment",
     }
 )
-_PIECES = (
-    b'"',
-    b'""',
-    b'\\"',
-    b",",
-    b";",
-    b"\t",
-    b"\n",
-    b"\r",
-    b"\r\n",
-    b"\0",
-    b"\xef\xbb\xbf",
-    b"\xff\xfe",
-    b"\x80",
-    b"1,286",
-    b"1.286",
-    b"-",
-    b"NaN",
-    b"null",
-    b"inf",
-    b"1e400",
-    b"1e-400",
-    b"0x10",
-    b"1_0",
-    b"True",
-    b"=1+1",
-    b"[1.5, 2]",
-    b'{"k": 1}',
-    b"0",
-    b"-1",
-    b"1 000",
-    b"\xd9\xa1",
-    b"sep=;\n",
-    b"END OF FILE",
-    b"None",
-    b" ",
-    b"k_adj",
+_PIECES = [
+    *(
+        rb'" "" \" , ; \0 1,286 1.286 - NaN null inf 1e400 1e-400 0x10 1_0 True =1+1 {"k":1}'
+        rb" 0 -1 None sep=; k_adj .. + e5"
+    ).split(b" "),
+    *b"\t|\n|\r|\r\n|\0|\xef\xbb\xbf|\xff\xfe|\x80|[1.5, 2]|1 000|\xd9\xa1|sep=;\n".split(b"|"),
+    *b"END OF FILE| |\xc2\xa0|\xe2\x80\xa8|\x1a|\x0c".split(b"|"),
     b"9" * 400,
-    b"\xc2\xa0",
-    b"\xe2\x80\xa8",
-    b"\x1a",
-    b"\x0c",
-    b"..",
-    b"+",
-    b"e5",
-)
+]
 
 
 @dataclass

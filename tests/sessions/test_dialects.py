@@ -10,9 +10,7 @@ import pytest
 
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
-from tests.sessions.dialects import WRITERS, delimited, example, frame
-
-PSYCHOPY_HEADER = "environment,k_ref,k_adj,note,participant,expName,psychopyVersion,"
+from tests.sessions.dialects import WRITERS, example, frame
 
 
 def written(folder, name, trials=None):
@@ -116,95 +114,6 @@ def test_excel_and_parquet(tmp_path):
         assert any("'k adj' is taken as k_adj" in notice.text for notice in sessions.notices)
     with pytest.raises(UsageError, match=r"the file holds no such table; there are 'Sheet1'"):
         read_sessions(tmp_path / "t.xlsx", scene=ReadOptions(sessions={"sheet": "Data"}))
-
-
-REFUSED = {
-    "pickle": (b"\x80\x04\x95abc", "a Python pickle"),
-    "old office": (b"\xd0\xcf\x11\xe0\xa1\xb1", "old Office or E-Prime binary"),
-    "e-prime log": (
-        "*** Header Start ***\r\nSubject: 1\r\n*** Header End ***\r\n".encode("utf-16"),
-        "an E-Prime log in frames",
-    ),
-    "staircase text": (
-        b"\xef\xbb\xbf\nreversalIntensities=\t0.4\t0.2\nreversalIndices=\t3\t9\n",
-        "PsychoPy's text summary of a staircase",
-    ),
-    "summary text": (
-        b"ori\tn\tk_mean\tk_std\tk_raw\torder\n0\t3\t5.1\t0.2\t5.0\t1\n\nextraInfo\nparticipant\t01\n",
-        "PsychoPy's summary of conditions",
-    ),
-    "json": (b'[["k_adj", 1], ["rt", 2]]', "this JSON is not a list of records"),
-    "html": (b"<!DOCTYPE html><table>", "a web page or XML"),
-    "empty": (b"", "the file is empty"),
-    "one column": (b"k_adj\n1\n2\n", "no comma, semicolon, tab, bar or space"),
-    "header only": (b"subject,k_adj\n", "no data below the header"),
-    "nul": (b"subject,k_adj\n1,\x002\n", "a NUL character"),
-    "no text at all": (b"subject,k\x81_adj\n", "byte 0x81 is not text"),
-    "row names of R between commas": (
-        b'"subject","environment","k_ref","k_adj"\n"1","1","a",10,11\n"2","2","a",10,12\n',
-        "R's write.table needs col.names = NA",
-    ),
-    "row names of R that do not rise": (
-        b"subject\tenvironment\tk_ref\tk_adj\n2\t1\ta\t10\t11\n1\t2\ta\t10\t12\n",
-        "5 cells where the header has 4",
-    ),
-    "short line": (
-        b"subject,environment,k_ref,k_adj\n1,a,10,11\n2,a,10\n",
-        "3 cells where the header has 4",
-    ),
-    "open quote": (b'subject,environment,k_ref,k_adj\n"1,a,10,11\n', "a quoted cell is not closed"),
-    "text after a quote": (
-        b'subject,environment,k_ref,k_adj\n"1"x,a,10,11\n',
-        "text follows its closing quote",
-    ),
-    "psychopy's unescaped quote": (
-        f'{PSYCHOPY_HEADER}\nA,10,11,"said "go", then",1,e,2024.2.4,\n'.encode(),
-        "9 cells where the header has 8",
-    ),
-    "two dialects": (
-        b"subject,x;environment,k_ref;k_adj,z\n1,2;3,4;5,6\n",
-        "comma and semicolon can each split the lines",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_table_is_refused_with_its_name(tmp_path, case):
-    data, message = REFUSED[case]
-    file = tmp_path / "f.csv"
-    file.write_bytes(data)
-    with pytest.raises(UsageError) as caught:
-        read_sessions(file)
-    assert message in str(caught.value)
-    assert str(file) in str(caught.value)
-    assert caught.value.exit_code == 2
-
-
-def test_a_short_line_is_named_by_its_physical_row(tmp_path):
-    file = tmp_path / "f.csv"
-    file.write_bytes(b'sep=,\nsubject,environment,k_ref,k_adj\n"0\n1",a,10,11\n\n2,a,10\n')
-    with pytest.raises(UsageError) as caught:
-        read_sessions(file)
-    assert caught.value.row == 6
-
-
-def test_a_windows_encoding_is_announced(tmp_path):
-    file = tmp_path / "f.csv"
-    rows = [["subject", "environment", "k_ref", "k_adj"], ["Jürgen", "VE1", "10", "11"]]
-    file.write_bytes(delimited(rows, encoding="cp1252"))
-    sessions = read_sessions(file)
-    assert sessions.subjects == ("Jürgen",)
-    assert "not UTF-8; read as Windows-1252" in [notice.text for notice in sessions.notices]
-
-
-def test_text_in_two_encodings_is_refused(tmp_path):
-    file = tmp_path / "f.csv"
-    rows = "subject,environment,k_ref,k_adj\nZoë,VE1,10,11\n".encode()
-    file.write_bytes(rows + "Jürgen,VE1,10,12\n".encode("cp1252"))
-    with pytest.raises(UsageError, match="byte 0xfc is not text in utf-8") as caught:
-        read_sessions(file)
-    assert caught.value.row == 3
-    assert 'or declare [sessions] encoding = "cp1252".' in caught.value.hint
 
 
 def test_the_extras_are_named_when_missing(tmp_path, monkeypatch):

@@ -47,13 +47,6 @@ def test_a_line_of_a_million_columns(tmp_path):
                 read_sessions(file)
 
 
-def test_nul_bytes(tmp_path):
-    file = tmp_path / "f.csv"
-    file.write_bytes(HEAD.encode() + b"1,a,10,\x0011\n")
-    with pytest.raises(UsageError, match=r"f\.csv:2: a NUL character"):
-        read_sessions(file)
-
-
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_lines_before_a_nul_byte_are_counted_at_every_kind_of_end(tmp_path, end):
     file = tmp_path / "f.csv"
@@ -93,11 +86,6 @@ def test_many_members_of_an_archive_count_together(tmp_path):
         read_sessions(tmp_path / "f.zip", scene=Scene(files={"size": 3000}))
     scene = Scene(files={"size": 10**4}, sessions={"trial": "order"})
     assert len(read_sessions(tmp_path / "f.zip", scene=scene).subjects) == 30
-
-
-def test_a_device_is_no_file():
-    with pytest.raises(UsageError, match=r"/dev/zero: this is a device, not a file\."):
-        read_sessions("/dev/zero")
 
 
 def test_a_stream_without_end_is_cut_off(tmp_path):

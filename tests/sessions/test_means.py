@@ -54,34 +54,6 @@ def test_values_without_references_give_the_means_that_scipy_gives(ratings, tmp_
     assert "the reference" not in re.findall("<li>(.*?)</li>", page)[0]
 
 
-def test_a_row_per_subject_gives_means_of_the_columns_of_numbers_alone(tmp_path):
-    columns = {"early": [4.0, 5.0, 7.0, 6.5], "late": [9.0, 11.0, 8.0, 12.5]}
-    columns["last"] = [-2.0, 1.0, 2.5, 3.0]
-    rows = [f"{i},{kind}" for i, kind in enumerate(["old", "new", "old", "new"], 1)]
-    for values in columns.values():
-        rows = [f"{row},{value}" for row, value in zip(rows, values, strict=True)]
-    path = tmp_path / "wide.csv"
-    path.write_text("\n".join([f"rownames,kind,{','.join(columns)}", *rows]) + "\n")
-    scene = tmp_path / "scene.toml"
-    scene.write_text(
-        '[quantities.response]\nunit = ""\nreference = "none"\n[inference]\nfamily = "normal"\n'
-        "[model]\nscale = { response = 5.0 }\n[columns]\nresponse_adj = '{environment}'\n"
-        '[sessions]\nsubject = "row"\n[environments]\nearly = {}\nlate = {}\nlast = {}\n'
-    )
-    out = tmp_path / "out"
-    call = ["report", str(path), "--scene", str(scene), "--out", str(out), "--no-checks"]
-    assert main([*call, "--method", "classical"]) == 0
-    document = json.loads((out / "report.json").read_text())
-    found = {}
-    for row in document["intervals"]:
-        if (row["kind"], row["family"], row["joint"]) == ("mean", "normal", "marginal"):
-            found[row["environment"]] = (row["lower"], row["upper"])
-    assert list(found) == list(columns)
-    for name, values in columns.items():
-        expected = stats.t.interval(0.99, 3, np.mean(values), stats.sem(values))
-        assert found[name] == pytest.approx(expected, rel=1e-12)
-
-
 def test_means_without_a_column_of_environments_are_of_one(ratings, tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text(

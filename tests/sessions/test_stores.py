@@ -8,7 +8,6 @@ import json
 import lzma
 import sqlite3
 import struct
-import tomllib
 import zlib
 
 import numpy as np
@@ -18,7 +17,7 @@ import rdata
 from scipy.io import savemat
 
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, Sessions, propose_columns, read_sessions
+from percept.sessions import ReadOptions, Sessions, read_sessions
 
 NAMES = ["subject", "environment", "k_ref", "k_adj"]
 ROWS = [
@@ -71,32 +70,6 @@ def test_numbers_of_json_keep_their_digits_and_cells_their_records(tmp_path):
     columns = {"k_adj": {"name": "response", "path": "k", "unit": "N/mm"}}
     found = read_sessions(tmp_path / "j.json", scene=ReadOptions(columns=columns))
     assert found.table["k_adj"].tolist() == [100.0]
-
-
-def test_folders_of_jspsych_are_read(tmp_path):
-    rng = np.random.default_rng(3)
-    for subject in range(6):
-        trials = []
-        for index in range(20):
-            target = (30, 60)[index % 2]
-            set_to = None if index % 5 == 0 else round(target * rng.lognormal(0, 0.1))
-            kind = "html-keyboard-response" if set_to is None else "html-slider-response"
-            trials.append(
-                {"rt": 100 + index, "response": set_to, "target": target, "trial_type": kind}
-                | {"trial_index": index, "time_elapsed": 900 * index, "subject": f"x{subject}"}
-            )
-        (tmp_path / f"data_{subject}.json").write_text(json.dumps(trials))
-    proposal = propose_columns(tmp_path)
-    assert proposal.roles == {
-        "subject": "subject",
-        "environment": "?",
-        "response_ref": "target",
-        "response_adj": "response",
-        "trial": "trial_index",
-    }
-    text = proposal.text.replace('unit = "?"', 'unit = "mm"').replace("environment =", "#")
-    found = read_sessions(tmp_path, scene=ReadOptions.from_mapping(tomllib.loads(text)))
-    assert len(found.table) == 96
 
 
 def test_json_that_holds_no_records_is_refused(tmp_path):

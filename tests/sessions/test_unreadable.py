@@ -11,7 +11,7 @@ import pytest
 
 from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, read_sessions
+from percept.sessions import read_sessions
 
 HEAD = b"subject,environment,k_ref,k_adj\n"
 ROWS = HEAD + b"S01,A,10,11\nS02,A,10,12\n"
@@ -48,14 +48,13 @@ def workbook(rows):
 @pytest.mark.parametrize(
     ("name", "data", "said"),
     [
-        ("t.csv", b",,,\n,,,\n", "t.csv: the file has no header."),
         ("t.zip", zipped("note.md", b"x"), "t.zip: the archive holds no table (.csv, .tsv"),
         ("t.zip", encrypted(), "t.zip!a.csv: a broken archive: File 'a.csv' is encrypted"),
         ("t.zip", damaged(), "t.zip!a.csv"),
         ("t.parquet", b"PAR1 and no more", "t.parquet: a broken file:"),
         ("t.xlsx", zipped("xl/workbook.xml", b"<no/>"), "t.xlsx: a broken file:"),
     ],
-    ids=["header", "no table", "encrypted", "damaged", "parquet", "workbook"],
+    ids=["no table", "encrypted", "damaged", "parquet", "workbook"],
 )
 def test_what_cannot_be_read_is_named(tmp_path, name, data, said):
     if name.endswith("parquet"):
@@ -92,13 +91,6 @@ def test_sheets_without_data_are_named(tmp_path, rows, said):
     assert said in str(caught.value)
 
 
-def test_a_path_is_text():
-    with pytest.raises(UsageError, match=r"a path is text, not int.*Sessions\.from_frame"):
-        read_sessions(7)
-    with pytest.raises(UsageError, match=r"a DataFrame is read alone\..*pandas\.concat"):
-        read_sessions(pd.DataFrame({"subject": ["S01"]}), "further.csv")
-
-
 @pytest.mark.skipif(
     sys.platform != "linux", reason="a file nobody can read from its start is Linux's"
 )
@@ -112,17 +104,6 @@ def test_a_cell_without_end(tmp_path):
     file.write_bytes(ROWS + b"S03,A,10," + b"1" * (1 << 25) + b"\n")
     with pytest.raises(UsageError, match=r"t\.csv:4: a cell of more than 16,777,216 characters\."):
         read_sessions(file)
-
-
-def test_units_of_a_summary(tmp_path):
-    (tmp_path / "t.csv").write_text(
-        "environment,parameter,reference,n,mean,sd\nA,k,10,8,11,1\nB,k,20,8,21,2\n"
-    )
-    options = ReadOptions.from_mapping({"columns": {"mean": {"name": "mean", "unit": "N/mm"}}})
-    with pytest.raises(
-        UsageError, match=r"a published table is in N/m and N·s/m\. Convert the table"
-    ):
-        read_sessions(tmp_path / "t.csv", scene=options)
 
 
 def test_utf_16_without_a_mark_asks_for_the_byte_order(tmp_path):

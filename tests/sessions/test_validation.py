@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import json
-import tomllib
 
-import pandas as pd
-import pytest
-
-from percept.errors import UsageError
 from percept.sessions import (
     ReadOptions,
     format_validation,
-    propose_columns,
-    read_sessions,
     validate,
 )
 from tests import DATASETS
-from tests.sessions.dialects import WRITERS, example
 
 HEAD = "subject,environment,k_ref,k_adj\n"
 
@@ -88,37 +80,12 @@ def test_a_conflict_is_one_line(tmp_path):
     assert lines[2] == "2 problems"
 
 
-def test_a_frame_is_read_as_a_file_is(tmp_path):
-    file = tmp_path / "f.csv"
-    file.write_text("who" + HEAD.removeprefix("subject") + "1,a,10,9\n2,a,10,12\n")
-    frame = pd.read_csv(file, dtype={"who": str})
-    read = read_sessions(frame, columns={"subject": "who"})
-    assert read.table.equals(read_sessions(file, columns={"subject": "who"}).table)
-    with pytest.raises(
-        UsageError, match=r"a DataFrame is read alone\. Put all rows into one: pandas\.concat"
-    ):
-        read_sessions(frame, file)
-    with pytest.raises(UsageError, match=r":2, column 'k_adj', value 'x': not a number"):
-        read_sessions(frame.assign(k_adj="x"), columns={"subject": "who"})
-
-
 def test_one_subject_is_no_study(tmp_path):
     file = tmp_path / "f.csv"
     file.write_text(HEAD + "1,a,10,11\n")
     record = validate(file)
     assert record.exit_code == 1
     assert "there is one subject" in format_validation(record)
-
-
-@pytest.mark.parametrize("name", ["opensesame", "uxf", "e-prime export"])
-def test_a_proposed_map_reads_the_file_it_was_made_from(tmp_path, name):
-    writer = WRITERS[name]
-    file = tmp_path / "f.csv"
-    file.write_bytes(next(iter(writer.write(example(writer.decimals)).values())))
-    options = ReadOptions.from_mapping(tomllib.loads(propose_columns(file).text))
-    assert read_sessions(file, scene=options).table.equals(
-        read_sessions(file, scene=writer.options).table
-    )
 
 
 def test_unknown_names_lead_to_a_scene(tmp_path, monkeypatch):

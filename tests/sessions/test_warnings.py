@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from percept import Scene, read_sessions
-from percept.errors import UsageError
 from percept.sessions import (
     ReadOptions,
     Sessions,
@@ -222,44 +221,6 @@ def test_cells_whose_trials_lie_at_a_limit_had_some(tmp_path):
     scene = Scene(quantities={"x": {"limits": [0.0, 65.0]}})
     (said,) = read_sessions(path, scene=scene).warnings
     assert str(said) == "1 cell has no trial left: '5 at 60'"
-
-
-@pytest.mark.parametrize(
-    ("unit", "references", "half"),
-    [("deg", (10.0, 170.0, 350.0), "180 deg"), ("rad", (0.5, 4.0), "3.142 rad")],
-)
-def test_angles_that_go_round_are_refused(tmp_path, unit, references, half):
-    with pytest.raises(UsageError) as caught:
-        scale_warnings(tmp_path, unit, references)
-    said = str(caught.value)
-    assert f"size in {unit} wraps: references reach beyond half a turn, {half}." in said
-    assert 'x_adj = { name = "…", response = "difference" } in [columns].' in said
-    # A knob that turns on does not go round.
-    columns = {name: {"name": name, "unit": unit} for name in ("x_ref", "x_adj")}
-    assert scale_warnings(tmp_path, "turn", references, columns=columns) == []
-
-
-def test_adjustments_on_the_other_side_of_a_turn_are_refused(tmp_path):
-    path = tmp_path / "angles.csv"
-    path.write_text("subject,environment,x_ref,x_adj\n1,a,0.2,0.1\n2,a,0.2,6.1\n3,a,0.2,0.3\n")
-    with pytest.raises(UsageError) as caught:
-        read_sessions(path, scene=Scene(quantities={"x": {"unit": "radians"}}))
-    assert "wraps: adjustments lie beyond half a turn, 3.142 radians." in str(caught.value)
-
-
-def test_differences_of_angles_are_read_within_half_a_turn(tmp_path):
-    path = tmp_path / "angles.csv"
-    rows = [f"{s},{r},{r},{d}" for r in (90, 350) for s, d in enumerate((15, -170, 4), 1)]
-    path.write_text("\n".join(["subject,environment,x_ref,error", *rows]) + "\n")
-    columns = {"x_adj": {"name": "error", "response": "difference"}}
-    scene = Scene(quantities={"x": {"unit": "deg"}}, columns=columns)
-    found = read_sessions(path, scene=scene)
-    assert found.table["x_adj"].tolist() == [105.0, -80.0, 94.0, 365.0, 180.0, 354.0]
-    path.write_text(path.read_text().replace("-170", "190"))
-    with pytest.raises(UsageError) as caught:
-        read_sessions(path, scene=scene)
-    assert "angles.csv:3, column 'x_adj', value 190.0:" in str(caught.value)
-    assert "more than half a turn, 180 deg; 2 in all. Add or subtract 360 deg." in str(caught.value)
 
 
 def test_errors_of_a_scale_without_ratios_raise_no_warning(tmp_path):
