@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from percept.errors import UsageError
 from percept.sessions.records import Notice, shown
@@ -81,8 +82,9 @@ def _header_below_title(table: list[list[str]]) -> int:
     title = table[0]
     if not title[0] or (len(_filled(title)) > 1 and not title[0].startswith(COMMENT)):
         return 0
-    for start, header in enumerate(table[:-1]):
-        if len(_filled(header)) > 1 and len(set(map(len, table[start:]))) == 1:
+    for start, (header, below) in enumerate(pairwise(table)):
+        names = len(_filled(header))
+        if names > 1 and names >= len(_filled(below)) and len({*map(len, table[start:])}) == 1:
             return start
     return 0
 

@@ -207,7 +207,7 @@ def test_a_fault_of_a_workbook_is_named_and_refused(tmp_path, name):
 def test_a_title_and_units_of_a_workbook_are_named(tmp_path):
     whole = read_sessions(workbook(tmp_path, data=[NAMES, *rows()])).table
     units = [None, None, None, "N/m", "N/m"]
-    cells = [["Stiffness study"], [], NAMES, units, *rows()]
+    cells = [["Stiffness study"], ["Date", 2024], NAMES, units, *rows()]
     cells[5] = [*cells[5], None, "a note"]
     found = read_sessions(workbook(tmp_path, data=cells))
     assert found.table.equals(whole)
