@@ -144,11 +144,12 @@ class _Arrays:
             rows = letters.reshape(shape, order="F")
             texts = ["".join(row).rstrip() for row in rows]
             return name, texts[0] if len(texts) == 1 else texts
-        if not _FIRST_NUMBERS <= kind <= _LAST_NUMBERS:
-            # A function, or a sparse array, is no column.
+        if not _FIRST_NUMBERS <= kind <= _LAST_NUMBERS or flag & _COMPLEX:
+            # A function, a sparse array or complex numbers are no column.
             return name, ""
-        parts = [self._numbers(*value).reshape(shape, order="F") for value in values]
-        numbers = parts[0] + 1j * parts[1] if flag & _COMPLEX else parts[0]
+        element, packed = values[0]
+        numbers = np.frombuffer(packed, f"{self.order}{_NUMBERS[element]}")
+        numbers = numbers.reshape(shape, order="F")
         self.limits.hold_table(1, numbers.size, self.file)
         return name, numbers.ravel() if 1 in shape else numbers
 
@@ -170,9 +171,6 @@ class _Arrays:
         encoding = _TEXTS[kind]
         byte_order = "-le" if self.order == "<" else "-be"
         return bytes(data).decode(encoding + byte_order * encoding.startswith(("utf-16", "utf-32")))
-
-    def _numbers(self, kind: int, data: memoryview) -> Any:
-        return np.frombuffer(data, f"{self.order}{_NUMBERS[kind]}")
 
     def _object(self, name: str, kind: str) -> UsageError:
         """Say how an object of MATLAB's own is saved."""

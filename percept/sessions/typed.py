@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -169,7 +168,7 @@ def _text(value: Any) -> str:
     return "" if value is None or value is pd.NA or value is pd.NaT else str(value)
 
 
-def _chosen(names: Sequence[str], entry: Input, also: str = "", *, first: str = "") -> str:
+def _chosen(names: Sequence[str], entry: Input, also: str = "") -> str:
     """Choose the part of a file that is named, or its only one; a hint shows the first."""
     wanted = [name for name in names if entry.part in (None, name)]
     if len(wanted) == 1:
@@ -179,7 +178,7 @@ def _chosen(names: Sequence[str], entry: Input, also: str = "", *, first: str = 
     what = "several tables" if entry.part is None else "no such table"
     message = f"the file holds {what}; there are {shown(names)}."
     place = entry.name.partition("::")[0]
-    hint = f"Name one behind two colons: {place}::{first or names[0]}. {also}"
+    hint = f"Name one behind two colons: {place}::{names[0]}. {also}"
     raise UsageError(message, file=entry.name, hint=hint.strip())
 
 
@@ -239,16 +238,10 @@ def _sheet(entry: Input, limits: FileLimits) -> _Table:
     """Read a sheet, each row as wide as its header."""
     book = _workbook(entry)
     names = book.sheetnames
-    likely = ""
-    also = ""
     if entry.part is None:
         names = [sheet.part for sheet in sheets(entry)] or names[:1]
-        tables = [name for name in names if _looks_like_data(book[name])]
-        if tables and tables != names:
-            likely = tables[0]
-            also = f"{shown(tables)} {'looks' if len(tables) == 1 else 'look'} like data. "
-    also += 'Or read all that are alike: [sessions] sheet = "*".'
-    name = _chosen(names, entry, also, first=likely)
+    also = 'Or read all that are alike: [sessions] sheet = "*".'
+    name = _chosen(names, entry, also)
     rows = list(_ragged(book[name], _workbook(entry, values=False)[name], entry.name, limits))
     if not rows:
         hint = "Name another with [sessions] sheet."
@@ -260,15 +253,6 @@ def _sheet(entry: Input, limits: FileLimits) -> _Table:
     # Cells right of the last column name hold notes.
     width = len(rows[layout.header])
     return [row[:width] + [""] * (width - len(row)) for row in rows]
-
-
-def _looks_like_data(page: Any) -> bool:
-    """Whether a number stands below several names in a sheet's first rows."""
-    rows = [row for row in islice(page.iter_rows(values_only=True), MOST_ROWS) if any(row)]
-    names = [value for value in rows[0] if isinstance(value, str)] if rows else []
-    return len(names) > 1 and any(
-        isinstance(value, int | float) for row in rows[1:] for value in row
-    )
 
 
 def _ragged(page: Any, written: Any, file: str, limits: FileLimits) -> Iterator[list[Any]]:

@@ -242,9 +242,6 @@ def test_a_sheet_of_several_is_named_behind_two_colons(tmp_path):
         f"Name one behind two colons: {path}::trials. Or read all that are alike: [sessions] sheet"
         ' = "*".'
     )
-    path = workbook(tmp_path, notes=[["what I did", "when"], ["all"]], data=[NAMES, *rows()])
-    assert f"colons: {path}::data. 'data' looks like data. Or read all" in refusal(path).hint
-    path = workbook(tmp_path, trials=[NAMES, *rows()], notes=[["a", "b"], [1, 2]])
     assert len(read_sessions(f"{path}::trials").table) == 24
     scene = ReadOptions(sessions={"sheet": "trials"})
     assert len(read_sessions(path, scene=scene).table) == 24
