@@ -404,17 +404,13 @@ def _r(entry: Input, limits: FileLimits) -> _Table:
     with warnings.catch_warnings():
         # Classes that it does not know, such as nlme's, lie around a data frame or beside.
         warnings.simplefilter("ignore", UserWarning)
-        frame = rdata.conversion.convert(parsed)
-    if isinstance(frame, dict):
-        frames = [name for name, value in frame.items() if hasattr(value, "columns")]
-        if not frames:
-            message = (
-                f"this R file holds {shown([str(name) for name in frame])}, and no data frame."
-            )
-            raise NoDataError(message, file=entry.name, hint=_MAKE_FRAME)
-        frame = frame[_chosen(frames, entry)]
-    if not hasattr(frame, "columns"):
-        raise UsageError("this R object is no data frame.", file=entry.name, hint=_MAKE_FRAME)
+        found = rdata.conversion.convert(parsed)
+    objects = found if isinstance(found, dict) else {"": found}
+    frames = {str(name): value for name, value in objects.items() if hasattr(value, "columns")}
+    if not frames:
+        message = "there is no data frame in this R file."
+        raise NoDataError(message, file=entry.name, hint=_MAKE_FRAME)
+    frame = frames[_chosen(list(frames), entry)]
     limits.hold_table(len(frame), len(frame.columns), entry.name)
     return _side_by_side({str(name): frame[name] for name in frame}, entry, limits)
 

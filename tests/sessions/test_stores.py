@@ -306,7 +306,7 @@ def test_an_xz_file_unpacks_to_no_more_than_the_limit(tmp_path):
 def test_r_files_that_are_not_read_say_why(tmp_path):
     path = tmp_path / "t.rds"
     rdata.write_rds(path, [1.0, 2.0])
-    assert "this R object is no data frame." in refusal(path)
+    assert "there is no data frame in this R file." in refusal(path)
     path.write_bytes(b"X\n\0\0\0\3\0\4")
     assert "a broken file: " in refusal(path)
     r_file(path, FRAME)
