@@ -17,16 +17,18 @@ from matplotlib.colors import to_hex
 from scipy import stats
 
 from percept.errors import RefusalError, UsageError
+from percept.report.biases import biases_among
 from percept.report.figures.band import draw_band
 from percept.report.figures.canvas import COLOURS, REFERENCE_DASHES
 from percept.report.figures.curves import draw_magnitude, draw_stability, like_limits
-from percept.report.figures.intervals import draw_intervals, rows_of
+from percept.report.figures.intervals import draw_intervals
 from percept.report.select import (
+    METHODS,
     distinct,
-    each_by_itself,
+    families_from,
     kind_names,
     matching,
-    preferred_families,
+    unwidened,
 )
 from percept.results import Band, Boundary, Coupling, Data, IntervalRow, SubjectCheck
 
@@ -74,14 +76,24 @@ def plot_intervals(
         No interval has a reference.
     """
     quantity = data.quantities[parameter]
-    rows = rows_of(intervals, data.cells, quantity, kinds, preferred_families(family))
-    if not rows.bars:
+    own = {parameter: quantity}
+    biases = []
+    for kind in kinds:
+        rows = matching(unwidened(intervals), parameter=parameter, kind=kind)
+        for method in METHODS:
+            biases += biases_among(rows, own, [method], families_from(family))
+    if not biases:
         raise _nothing("interval that has a reference")
     with rc_context(_STYLE):
         drawn = _axes(ax)
-        subject = data.words.subject[0]
         draw_intervals(
-            drawn, data.environments, rows, kinds=kind_names(data.words), subject=subject
+            drawn,
+            data.environments,
+            biases,
+            data.cells,
+            quantity,
+            kinds=kind_names(data.words.user, data.words.users),
+            subject=data.words.subject,
         )
         drawn.set_title(quantity.head)
         for tick in drawn.get_yticklabels():
@@ -122,9 +134,8 @@ def plot_boundary(
     """
     if not boundaries:
         raise _nothing("boundary")
-    main = [boundary for boundary in boundaries if each_by_itself(boundary)]
-    of_environment = matching(main, environment=environment)
-    limits = like_limits(of_environment, kind, preferred_families(family))
+    of_environment = matching(unwidened(boundaries), environment=environment)
+    limits = like_limits(of_environment, kind, families_from(family))
     if not limits:
         raise _nothing(f"boundary of kind {kind} around {environment}")
     shown = of_environment[0]
@@ -183,8 +194,8 @@ def plot_band(
         what = f"{data.quantities[shown].words}{unit}"
     with rc_context(_STYLE):
         drawn = _axes(ax)
-        draw_band(drawn, band, shown, preferred_families(family), data.quantities)
-        drawn.set_title(f"Band of {what}, next {data.words.user[0]}")
+        draw_band(drawn, band, shown, families_from(family), data.quantities)
+        drawn.set_title(f"Band of {what}, next {data.words.user}")
         return _finished(drawn, legend=ax is None)
 
 

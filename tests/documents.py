@@ -2,10 +2,9 @@
 
 import json
 
-from percept.report.document import build_sections
 from percept.report.overview import findings
-from percept.report.page import render_page
-from percept.results import Data, Nouns, Provenance, Results
+from percept.report.page import build_sections, render_page
+from percept.results import Data, Provenance, Results, Words
 from percept.sessions.quantities import IMPEDANCE
 
 #: Results of a study of stiffness that has nothing yet.
@@ -14,7 +13,7 @@ EMPTY = Results(
     data=Data(
         form="trials", simulated=False, subjects=4, rows=4, environments=(), parameters=("k",),
         quantities={"k": IMPEDANCE["k"]}, counts={}, notices=(), references=1, factor=None,
-        words=Nouns(("environment", "environments"), ("subject", "subjects"), ("user", "users")),
+        words=Words("environment", "environments", "subject", "subjects", "user", "users"),
         doubts=(), exclusions=(), design=None, cells=(),
     ),
     intervals=(), contrast=(), boundaries=(), zoom={}, close=(), verdicts=(), rendering=None,
@@ -43,7 +42,7 @@ def page_of_results(results, plots=None, *, date="2026-01-01", files=()):
     """The page of results."""
     found = findings(results)
     sections = build_sections(results, found)
-    return render_page(results, found, sections, plots or {}, date=date, files=files)
+    return render_page(results, sections, plots or {}, date=date, files=files)
 
 
 def sections_of(document):
@@ -61,12 +60,3 @@ def parts_of(sections):
             found[section.name] = section
             found |= parts_of(section.parts)
     return found
-
-
-def at(document, pointer):
-    """What stands at a JSON pointer."""
-    value = document
-    for step in pointer.split("/")[1:]:
-        step = step.replace("~1", "/").replace("~0", "~")
-        value = value[int(step)] if isinstance(value, list) else value[step]
-    return value

@@ -269,11 +269,10 @@ def _calibrate_command(arguments: argparse.Namespace) -> str:
 def _feelings(study: Study) -> list[str]:
     """Say what feels real in a study, as its page does."""
     from percept.report.decisions import feeling_sentences
-    from percept.report.select import Words
 
-    scene = study.scene
-    words = Words(*scene.environment_noun, *scene.study.subject, *scene.user_noun)
-    return feeling_sentences(study.verdict_rows, study.rendering, words)
+    results = study.results(curves=False)
+    judged = dataclasses.replace(results, verdicts=study.verdict_rows, rendering=study.rendering)
+    return feeling_sentences(judged)
 
 
 def _stated(study: Study) -> dict[str, str | float]:

@@ -178,7 +178,7 @@ def _print_findings(page: Path, say: Callable[[str], str], *, is_short: bool) ->
     # What `verdict` says stands on standard error.
     told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
     warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
-    sentences = summary["overview"]["sentences"]
+    sentences = summary["sentences"]
     print("\n".join(map(say, sentences[:1] if is_short else [*sentences, *warnings])))
 
 

@@ -14,25 +14,28 @@ from percept.report.sections import (
     Columns,
     Section,
     Table,
-    ends,
+    column,
+    estimate,
+    limits,
     of,
+    side_by_side,
     table_of,
-    with_limits,
+    value,
 )
 from percept.report.select import (
     KINDS,
     METHOD_NAMES,
     METHODS,
     distinct,
-    families_of,
+    families_from,
+    family_of,
     first,
+    gives_means,
     matching,
-    ordered,
-    words_of,
+    present,
+    unwidened,
 )
 from percept.results import EquivalenceRow, IntervalRow, PsychophysicsRow, Results
-
-__all__ = ["bias"]
 
 #: What measures are called, in the order of the page. The PSE is the mean that stands elsewhere.
 _MEASURES = {
@@ -54,13 +57,12 @@ _MEASURES = {
 
 def bias(results: Results) -> Section:
     """Return what users set and how far that lies from the references."""
-    words = words_of(results)
-    matched = any(quantity.is_matched for quantity in results.data.quantities.values())
+    words = results.data.words
+    off = "" if gives_means(results) else ", and how far off"
     return Section(
         "bias",
-        f"What {words.users} {words.verb}" + (", and how far off" if matched else ""),
+        f"What {words.users} {words.verb}{off}",
         setting_sentences(results),
-        figures=["overview"] * bool(results.levels),
         parts=[contrast(results), _intervals(results), _psychophysics(results), _jnd(results)],
         is_folded=True,
     )
@@ -68,148 +70,113 @@ def bias(results: Results) -> Section:
 
 def _intervals(results: Results) -> Section:
     """Return a table of intervals for each quantity, in the study's family."""
-    words = words_of(results)
-    rows = matching(results.intervals, joint="marginal")
-    sentences = [
+    words = results.data.words
+    said = (
         f"Mean: the average {words.user}. User: the next {words.user}. Share: a stated share of all"
         f" {words.users}. One does not stand in for another."
-    ]
+    )
+    rows = unwidened(results.intervals)
     if any(row.left_out for row in rows):
-        sentences.append(
-            "Adjustments at the limits of the control are left out; their number stands beside the"
-            f" {words.environment}."
-        )
+        said += " Adjustments at the limits of the control are left out and counted."
     tables = [
         _interval_table(results, matching(rows, parameter=name))
         for name in distinct(rows, "parameter")
     ]
-    return Section("intervals", "Intervals", sentences, tables)
+    figures = [] if results.psychophysics else ["overview"]
+    return Section("intervals", "Intervals", [said], tables, figures)
 
 
 def _interval_table(results: Results, rows: Sequence[IntervalRow]) -> Table:
     """Return a table with a row per environment, and a column per kind and method."""
-    words = words_of(results)
-    families = families_of(results)
+    families = families_from(family_of(results))
     quantity = results.data.quantities[rows[0].parameter]
-
-    def found(environment: str, kind: str, method: str) -> IntervalRow | None:
-        of_cell = matching(rows, environment=environment, kind=kind, method=method)
-        return first(of_cell, family=families)
-
-    lines = []
-    for name in distinct(rows, "environment"):
-        own = matching(rows, environment=name)
-        label: Cell = (name,)
-        if own[0].left_out:
-            label = (f"{name} (", *of("left_out", style="count")(own[0]), " left out)")
-        line = [label]
-        if quantity.is_matched:
-            line.append(of("reference", style="short")(own[0]))
-        for kind, method in _kinds_and_methods(rows):
-            row = found(name, kind, method)
-            if row is None:
-                line.append(NOTHING)
-            else:
-                line.append(with_limits(row) if kind == "mean" else ends(row))
-        lines.append(line)
-    heads = [capitalised(words.environment), *["Reference"] * quantity.is_matched]
-    heads += [f"{kind}, {METHOD_NAMES[method]}" for kind, method in _kinds_and_methods(rows)]
+    shown = []
+    for kind in KINDS:
+        for method in METHODS:
+            for name in distinct(rows, "environment"):
+                of_cell = matching(rows, environment=name, kind=kind, method=method)
+                row = first(of_cell, family=families)
+                if row is not None:
+                    shown.append(row)
+    columns: Columns = {capitalised(results.data.words.environment): str}
+    if quantity.is_matched:
+        columns["Reference"] = column(shown, "environment", of("reference", style="short"))
+    if any(row.left_out for row in rows):
+        columns["left out"] = column(shown, "environment", of("left_out", style="count"))
+    columns |= side_by_side(shown, "environment", ("kind", "method"), _interval)
     unit = f" in {quantity.unit}" if quantity.unit else ""
-    used = [family for family in families if matching(rows, family=family)]
-    level = percent(rows[0].level)
-    caption = f"{quantity.head}{unit}: {level} limits ({used[0]})."
+    caption = f"{quantity.head}{unit}: {percent(rows[0].level)} limits ({shown[0].family})."
     name = f"intervals_{quantity.name}"
-    return Table(caption, heads, lines, name=name, csv=name)
+    return table_of(caption, distinct(shown, "environment"), columns, name=name, csv="intervals")
 
 
-def _kinds_and_methods(rows: Sequence[IntervalRow]) -> list[tuple[str, str]]:
-    pairs = {(row.kind, row.method) for row in rows}
-    return [(kind, method) for kind in KINDS for method in METHODS if (kind, method) in pairs]
+def _interval(row: IntervalRow) -> Cell:
+    return estimate(row) if row.kind == "mean" else limits(row)
 
 
 def _psychophysics(results: Results) -> Section:
     """Return a table per measure of environments or subjects, and one over all environments."""
-    words = words_of(results)
+    words = results.data.words
     rows = [row for row in results.psychophysics if row.measure in _MEASURES]
     if not rows:
-        return Section("psychophysics", "")
+        return Section("psychophysics")
     level = percent(rows[0].level)
-    tables = []
-    for measure in ordered(_MEASURES, rows, "measure"):
-        named = _MEASURES[measure].format(**vars(words))
-        of_measure = [row for row in matching(rows, measure=measure) if row.environment]
-        for by in (words.environment, words.subject):
-            is_of_subjects = by == words.subject
-            own = [row for row in of_measure if (row.subject is not None) == is_of_subjects]
-            if own:
-                caption = f"{named}, by {by}, with {level} limits."
-                tables.append(_measured(results, own, caption, by))
     overall = [row for row in rows if row.environment is None and row.subject is None]
-    tables.append(
-        _overall(results, overall, f"Over all {words.environments}, with {level} limits.")
-    )
-    logarithms = " SDs are of logarithms." if rows[0].family == "lognormal" else ""
-    sentences = [f"The PSE is the average {words.user}’s setting above.{logarithms}"]
+    tables = [_overall(overall, results)]
+    for measure in present(_MEASURES, rows, "measure"):
+        named = _MEASURES[measure].format(**vars(words))
+        of_measure = matching(rows, measure=measure)
+        for field in ("environment", "subject"):
+            own = [row for row in of_measure if getattr(row, field) is not None]
+            if own:
+                by = getattr(words, field)
+                columns: Columns = {capitalised(by): str}
+                columns |= side_by_side(own, field, ("parameter", "method"), _measured)
+                units = ", ".join(distinct(own, "unit"))
+                caption = f"{named}{f' ({units})' if units else ''}, by {by}, {level} limits."
+                tables.append(table_of(caption, distinct(own, field), columns, csv="psychophysics"))
+    said = f"The PSE is the average {words.user}’s setting above."
+    if rows[0].family == "lognormal":
+        said += " SDs are of logarithms."
     is_shared = results.data.form == "trials" and not matching(rows, measure="sigma_slope")
     if matching(rows, measure="gamma") and is_shared:
-        sentences.append(
-            f"All {words.subjects} share the slope γ. Where theirs differ, its limits are too"
+        said += (
+            f" All {words.subjects} share the slope γ. Where theirs differ, its limits are too"
             " narrow: [model] subjects_slope = true gives each one of their own."
         )
-    return Section("psychophysics", "Thresholds, spreads and reliability", sentences, tables)
+    title = "Thresholds, spreads and reliability"
+    return Section("psychophysics", title, [said], tables, ["overview"])
 
 
-def _measured(results: Results, rows: Sequence[PsychophysicsRow], caption: str, by: str) -> Table:
-    """Return a table of one measure: quantities and methods side by side."""
-    style = "percent" if rows[0].measure == "weber" else "plain"
-    columns = []
-    for parameter in distinct(rows, "parameter"):
-        for method in METHODS:
-            if matching(rows, parameter=parameter, method=method):
-                columns.append((parameter, method))
-    units = {row.parameter: f" ({row.unit})" if row.unit else "" for row in rows}
-    heads = [capitalised(by)]
-    heads += [f"{name}{units[name]}, {METHOD_NAMES[method]}" for name, method in columns]
-    lines = []
-    for environment, subject in dict.fromkeys((row.environment, row.subject) for row in rows):
-        of_line = matching(rows, environment=environment, subject=subject)
-        line: list[Cell] = [(subject or environment or "all",)]
-        for parameter, method in columns:
-            row = first(matching(of_line, parameter=parameter, method=method))
-            line.append(NOTHING if row is None else with_limits(row, style=style))
-        lines.append(line)
-    return Table(caption, heads, lines, csv="psychophysics")
+def _measured(row: PsychophysicsRow) -> Cell:
+    return estimate(row, "percent" if row.measure == "weber" else "plain")
 
 
-def _overall(results: Results, rows: Sequence[PsychophysicsRow], caption: str) -> Table:
+def _overall(rows: Sequence[PsychophysicsRow], results: Results) -> Table:
     """Return the table of what is over all environments: a measure of a quantity a row."""
-    words = words_of(results)
+    words = results.data.words
     lines = []
-    for measure in ordered(_MEASURES, rows, "measure"):
-        for parameter in distinct(matching(rows, measure=measure), "parameter"):
-            own = matching(rows, measure=measure, parameter=parameter)
-            unit = f" ({own[0].unit})" if own[0].unit else ""
-            named = _MEASURES[measure].format(**vars(words))
-            line: list[Cell] = [(named,), (f"{parameter}{unit}",)]
+    for measure in present(_MEASURES, rows, "measure"):
+        of_measure = matching(rows, measure=measure)
+        for parameter in distinct(of_measure, "parameter"):
+            own = {row.method: row for row in matching(of_measure, parameter=parameter)}
+            unit = next(iter(own.values())).unit
+            line: list[Cell] = [(_MEASURES[measure].format(**vars(words)),)]
+            line.append((f"{parameter} ({unit})" if unit else parameter,))
             for method in METHODS:
-                row = first(matching(own, method=method))
-                line.append(NOTHING if row is None else with_limits(row))
+                line.append(estimate(own[method]) if method in own else NOTHING)
             lines.append(line)
+    caption = f"Over all {words.environments}, with limits."
     heads = ["Measure", "Quantity", *METHOD_NAMES.values()]
     return Table(caption, heads, lines, name="psychophysics", csv="psychophysics")
 
 
-def _jnd_cell(row: EquivalenceRow) -> Cell:
-    """Return the JND with its unit."""
-    return NOTHING if row.jnd is None else (*of("jnd", 4)(row), f" {row.unit}")
-
-
 def _jnd(results: Results) -> Section:
     """Return whether biases are smaller than one JND."""
-    words = words_of(results)
+    words = results.data.words
     rows = results.equivalence
     if not rows:
-        return Section("equivalence", "")
+        return Section("equivalence")
     sentence = (
         f"Is the typical {words.user}’s bias smaller than one JND? “Within” or “beyond” needs"
         f" {percent(rows[0].decision)} probability (Bayesian), or two one-sided tests (classical)."
@@ -218,12 +185,16 @@ def _jnd(results: Results) -> Section:
         "Biases against one JND. p, within: the larger of the two tests’. p, beyond: the smaller"
         " one doubled."
     )
+
+    def jnd(row: EquivalenceRow) -> Cell:
+        return NOTHING if row.jnd is None else (*value(row.jnd, 4), f" {row.unit}")
+
     columns: Columns = {
         capitalised(words.environment): of("environment"),
         "Quantity": of("parameter"),
         "Method": lambda row: METHOD_NAMES[row.method],
         "Verdict": of("outcome"),
-        "JND": _jnd_cell,
+        "JND": jnd,
         "probability": of("probability", 3),
         "p, within": of("p_within", 2),
         "p, beyond": of("p_beyond", 2),

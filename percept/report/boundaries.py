@@ -2,53 +2,37 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from collections.abc import Sequence
 
 from percept.boundary.band import size_name
 from percept.errors import capitalised
+from percept.report.biases import drawn_said, foremost
 from percept.report.numbers import percentage, short
 from percept.report.sections import (
     Cell,
     Columns,
     Section,
     Table,
-    Value,
+    column,
     of,
     plus_minus,
+    side_by_side,
     table_of,
     value,
 )
 from percept.report.select import (
     METHOD_NAMES,
-    METHODS,
-    choice_said,
-    chosen,
     distinct,
-    each_by_itself,
     family_of,
-    first,
     listed,
     matching,
-    ordered,
-    words_of,
+    present,
+    unwidened,
 )
-from percept.results import (
-    Band,
-    BandLaw,
-    BandPair,
-    BandRow,
-    BandStatement,
-    Boundary,
-    MethodPair,
-    Results,
-    plain,
-)
+from percept.results import BandLaw, BandPair, Boundary, Coefficient, Results, plain
 from percept.results.fields import Array
-
-__all__ = ["bands_sentences", "boundaries", "comparison"]
 
 _SHAPES = {
     "corner": (
@@ -78,44 +62,52 @@ _STEPS = {
 
 def comparison(results: Results) -> Section:
     """Return how the methods differ: a figure and a table of the next user's boundaries."""
-    words = words_of(results)
     pairs = results.band_pairs or ()
-    sentences = [_differences(results.comparison or (), results)]
-    sentences.append(" ".join(bands_sentences(pairs)))
-    table = _pairs(results, matching(pairs, kind="user"))
+    sentences = [_differences(results), " ".join(bands_sentences(pairs))]
     title = "Classical against Bayesian boundaries" if pairs else "Classical against Bayesian"
-    figures = ["ratios"] if results.boundaries else []
-    why = Section("why", "Why they differ", form="list", is_folded=True)
-    if results.ladder:
-        columns = {
-            capitalised(words.environment): of("environment"),
-            "Quantity": of("parameter"),
-            "Kind": of("kind"),
-            "Step": lambda row: _STEPS[row.cause].format(**vars(words)),
-            "log width ratio": plus_minus("log_width", "log_width_error", style="plain"),
-            "shift of the centre": plus_minus("centre", "centre_error", style="plain"),
-        }
-        caption = (
-            "The effect of each step from the classical interval of the normal family to the"
-            " Bayesian one: log ratio of widths, and shift in classical half-widths."
-        )
-        steps = table_of(caption, results.ladder.effects, columns)
-        why = dataclasses.replace(why, sentences=list(results.ladder.notes), tables=[steps])
-    return Section("comparison", title, sentences, [table], figures, parts=[why])
+    return Section(
+        "comparison",
+        title,
+        sentences,
+        [_pairs(results, matching(pairs, kind="user"))],
+        ["ratios"] if results.boundaries else [],
+        parts=[_why(results)],
+    )
+
+
+def _why(results: Results) -> Section:
+    """Return the steps of the ladder."""
+    if results.ladder is None:
+        return Section("why")
+    words = results.data.words
+    columns: Columns = {
+        capitalised(words.environment): of("environment"),
+        "Quantity": of("parameter"),
+        "Kind": of("kind"),
+        "Step": lambda row: _STEPS[row.cause].format(**vars(words)),
+        "log width ratio": plus_minus("log_width", "log_width_error", style="plain"),
+        "shift of the centre": plus_minus("centre", "centre_error", style="plain"),
+    }
+    caption = (
+        "The effect of each step from the classical interval of the normal family to the Bayesian"
+        " one: log ratio of widths, and shift in classical half-widths."
+    )
+    table = table_of(caption, results.ladder.effects, columns)
+    notes = results.ladder.notes
+    return Section("why", "Why they differ", notes, [table], form="list", is_folded=True)
 
 
 def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
     """Return the methods' boundaries in pairs."""
-    words = words_of(results)
-
-    columns = {
+    words = results.data.words
+    columns: Columns = {
         capitalised(words.environment): of("environment"),
-        "middle, largest shift": of("place.largest", 3, "percent"),
+        "shift, largest": of("place.largest", 3, "percent"),
         "at ω (rad/s)": of("place.omega", 3),
-        "middle, median shift": of("place.median", 3, "percent"),
-        "log width ratio, largest": of("width.largest", 3),
+        "shift, median": of("place.median", 3, "percent"),
+        "width ratio, largest": of("width.largest", 3),
         "at ω, rad/s": of("width.omega", 3),
-        "log width ratio, median": of("width.median", 3),
+        "width ratio, median": of("width.median", 3),
     }
     caption = (
         f"The next {words.user}’s Bayesian boundary against the classical one (exact envelopes)."
@@ -125,29 +117,23 @@ def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
     return table_of(caption, pairs, columns, name="band_pairs", csv="band_pairs")
 
 
-def _differences(pairs: Sequence[MethodPair], results: Results) -> str:
+def _differences(results: Results) -> str:
     """Say how far the methods' intervals lie apart."""
+    pairs = results.comparison or ()
     ratios = [pair.width_ratio for pair in pairs if pair.width_ratio is not None]
-    farthest: dict[str | None, float] = {}  # By quantity; None for all whose shift is a fraction
+    farthest: dict[str, float] = {}  # By unit; shifts of relative quantities are fractions
     for pair in pairs:
         if pair.shift is not None:
-            name = None if pair.relative else pair.parameter
-            farthest[name] = max(farthest.get(name, 0.0), abs(pair.shift))
+            unit = "%" if pair.relative else results.data.quantities[pair.parameter].unit
+            size = abs(pair.shift) * (100.0 if pair.relative else 1.0)
+            farthest[unit] = max(farthest.get(unit, 0.0), size)
     if not ratios or not farthest:
         return ""
-    shifts = []
-    for name, size in farthest.items():
-        if name is None:
-            shifts.append(percentage(size, 2))
-        else:
-            unit = results.data.quantities[name].unit
-            shifts.append(f"{short(size, 2)} {unit}".strip())
-    least = short(min(ratios), 2)
-    most = short(max(ratios), 2)
-    widths = f"{least} times" if least == most else f"{least} to {most} times"
+    shifts = listed([f"{short(size, 2)} {unit}".rstrip() for unit, size in farthest.items()])
+    widths = " to ".join(dict.fromkeys(short(ratio, 2) for ratio in (min(ratios), max(ratios))))
     return (
-        f"Of the same family and kind, Bayesian intervals are {widths} as wide as classical ones. "
-        f"Their estimates lie at most {listed(shifts)} apart."
+        f"Of the same family and kind, Bayesian intervals are {widths} times as wide as classical"
+        f" ones. Their estimates lie at most {shifts} apart."
     )
 
 
@@ -161,27 +147,18 @@ def bands_sentences(pairs: Sequence[BandPair]) -> list[str]:
     apart = percentage(abs(place.place.largest), 2)
     ratio = short(math.exp(width.width.largest), 2)
     return [
-        f"The Bayesian band of |Z_h| lies farthest from the classical one in {_where(place)}:"
-        f" {apart} {sign} at {short(place.place.omega, 2)} rad/s.",
-        f"Its width differs most in {_where(width)}: {ratio} times at"
+        "The Bayesian band of |Z_h| lies farthest from the classical one in"
+        f" {place.environment} (kind {place.kind}): {apart} {sign} at"
+        f" {short(place.place.omega, 2)} rad/s.",
+        f"Its width differs most in {width.environment} (kind {width.kind}): {ratio} times at"
         f" {short(width.width.omega, 2)} rad/s.",
     ]
 
 
-def _where(pair: BandPair) -> str:
-    return f"{pair.environment} (kind {pair.kind})"
-
-
 def boundaries(results: Results) -> Section:
     """Return what boundaries are, close views, every curve to explore, and bands."""
-    words = words_of(results)
+    words = results.data.words
     records = results.boundaries
-    shapes = [f"{name}: {_SHAPES[name]}." for name in ordered(_SHAPES, records, "shape")]
-    shares = [
-        record.device_share
-        for record in matching(records, shape="pointwise")
-        if record.device_share is not None
-    ]
     sentences = []
     if records:
         sentences.append(
@@ -190,42 +167,49 @@ def boundaries(results: Results) -> Section:
             " “The effect of static virtual couplings on realistic performance of haptic"
             " systems”."
         )
+        sentences.append(drawn_said(results))
+    pointwise = matching(records, shape="pointwise")
+    shares = [record.device_share for record in pointwise if record.device_share is not None]
     if shares:
         sentences.append(
             "Pointwise and simultaneous Bayesian curves average over the device’s posterior, which"
             f" makes {percentage(min(shares), 2)} to {percentage(max(shares), 2)} of their squared"
             " width. All other curves have the device at its point."
         )
+    shapes = [f"{name}: {_SHAPES[name]}." for name in present(_SHAPES, records, "shape")]
     return Section(
         "boundaries",
         "Boundaries and bands",
         sentences,
-        figures=["boundaries_close"] if results.close else [],
         parts=[
-            Section("explore", "Explore every boundary", parts=_explorer(results), is_folded=True),
-            Section("shapes", "The shapes of boundaries", shapes, form="list", is_folded=True),
+            Section(
+                "shapes",
+                "The shapes of boundaries" if shapes else "",
+                shapes,
+                figures=["boundaries_close"] if results.close else [],
+                form="list",
+            ),
+            _explorer(results),
             *_bands(results),
         ],
         is_folded=True,
     )
 
 
-def _explorer(results: Results) -> list[Section]:
-    """Return the curves for the page's script, and which environments it leaves out."""
-    names = distinct(results.boundaries, "environment")
-    main = [record for record in results.boundaries if each_by_itself(record)]
+def _explorer(results: Results) -> Section:
+    """Return the curves for the page's script."""
     curves = []
-    for name in chosen(names):
-        of_environment = matching(main, environment=name)
-        if of_environment:
-            curves.append(_curves(of_environment, results.zoom.get(name)))
+    shown = foremost(results)
+    for name in distinct(results.boundaries, "environment"):
+        records = matching(unwidened(results.boundaries), environment=name)
+        if records and name in shown:
+            curves.append(_curves(records, results.zoom.get(name)))
     if not curves:
-        return []
+        return Section("explore")
     text = json.dumps(plain(curves), ensure_ascii=False, separators=(",", ":"))
     # A script element ends at the first end tag in it, wherever that stands.
     data = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-    left_out = choice_said(names, words_of(results).environments)
-    return [Section("said", "", [left_out]), Section("explorer-data", "", [data], form="curves")]
+    return Section("explore", "Explore every boundary", [data], form="curves", is_folded=True)
 
 
 def _curves(records: Sequence[Boundary], zoom: tuple[float, float] | None) -> dict[str, object]:
@@ -236,17 +220,10 @@ def _curves(records: Sequence[Boundary], zoom: tuple[float, float] | None) -> di
         grid = _short(record.omega)
         if grid not in grids:
             grids.append(grid)
-        limits.append(
-            {
-                "kind": record.kind,
-                "method": record.method,
-                "family": record.family,
-                "shape": record.shape,
-                "grid": grids.index(grid),
-                "lower": _short(record.lower),
-                "upper": _short(record.upper),
-            }
-        )
+        drawn: dict[str, object] = {"grid": grids.index(grid)}
+        for name in ("kind", "method", "family", "shape"):
+            drawn[name] = getattr(record, name)
+        limits.append(drawn | {"lower": _short(record.lower), "upper": _short(record.upper)})
     coupled = records[0].coupled
     return {
         "name": records[0].environment,
@@ -267,15 +244,60 @@ def _bands(results: Results) -> list[Section]:
     """Return a part on the band of the impedance, or of each quantity."""
     if results.band is None or not results.band.rows:
         return []
-    names = distinct(results.band.rows, "parameter")
-    parts = [_band(results, results.band, name) for name in names]
-    last = parts[-1]
-    return [*parts[:-1], dataclasses.replace(last, tables=[*last.tables, _trend(results.band)])]
+    return [_band(results, name) for name in distinct(results.band.rows, "parameter")]
 
 
-def _trend(band: Band) -> Table:
+def _band(results: Results, parameter: str | None) -> Section:
+    """Return how wide the bands of one quantity are, and which law they follow."""
+    assert results.band is not None
+    words = results.data.words
+    own = {"family": family_of(results), "parameter": parameter}
+    rows = matching(results.band.rows, **own)
+    laws = matching(results.band.laws, **own)
+    statements = matching(results.band.statements, **own)
+    size = size_name(parameter)
+    what = "|Z_e|"
+    symbol = "|Z_e|"
+    unit = "N·s/m"
+    if parameter is not None:
+        what = results.data.quantities[parameter].words
+        symbol = "reference"
+        unit = results.data.quantities[parameter].unit
+    in_unit = f" ({unit})" if unit else ""
+    columns: Columns = {
+        capitalised(words.environment): str,
+        f"{symbol}{in_unit}": column(rows, "environment", of(size)),
+    }
+    for field, cell in (("", of("band")), ("relative, ", of("relative", 3, "percent"))):
+        for head, shown in side_by_side(rows, "environment", ("method",), cell).items():
+            columns[field + head] = shown
+    at = "" if parameter else f" at {results.band.omega:g} rad/s, without the device"
+    caption = f"Width of the next {words.user}’s interval of {what}{in_unit}{at}."
+    name = "band" if parameter is None else f"band_{parameter}"
+    likely = {"Statement": str} | side_by_side(
+        statements, "statement", ("method",), of("probability", 3, "percent")
+    )
+    likely_caption = "Share of posterior draws, or of bootstrap samples, in which it is true."
+    best = max(laws, key=lambda law: (law.method == "bayesian", law.best), default=None)
+    sentences = [_is_narrower(results, parameter), best.sentence if best else ""]
+    return Section(
+        name,
+        f"Band of {what}",
+        [" ".join(sentence for sentence in sentences if sentence)],
+        [
+            table_of(caption, distinct(rows, "environment"), columns, name=name, csv="band"),
+            _law_table(laws, symbol, words.environment),
+            table_of(likely_caption, distinct(statements, "statement"), likely),
+            _trend(results, parameter),
+        ],
+        figures=[name],
+    )
+
+
+def _trend(results: Results, parameter: str | None) -> Table:
     """Return the hierarchical model's own trend of spreads over references."""
-    columns = {
+    rows = results.band.kappa if results.band and results.band.kappa else ()
+    columns: Columns = {
         "Quantity": of("parameter"),
         "κ": of("value", 3),
         "lower": of("lower", 3),
@@ -283,78 +305,22 @@ def _trend(band: Band) -> Table:
         "probability of κ < 0": of("below_zero", 3, "percent"),
     }
     caption = (
-        "Trend κ of the hierarchical model: change of the logarithm of the relative spread per"
-        " decade of the reference. Weber’s law is κ = 0."
+        "Trend κ of the model: change of the logarithm of the relative spread per decade of the"
+        " reference. Weber’s law is κ = 0."
     )
-    return table_of(caption, band.kappa or (), columns)
-
-
-def _band(results: Results, band: Band, parameter: str | None) -> Section:
-    """Return how wide the bands of one quantity are, and which law they follow."""
-    words = words_of(results)
-    own = {"family": family_of(results), "parameter": parameter}
-    rows = matching(band.rows, **own)
-    laws = matching(band.laws, **own)
-    statements = matching(band.statements, **own)
-    size = size_name(parameter)
-    name = "band" if parameter is None else f"band_{parameter}"
-    quantity = None if parameter is None else results.data.quantities[parameter]
-    symbol = "|Z_e|" if quantity is None else "reference"
-    unit = "N·s/m" if quantity is None else quantity.unit
-    in_unit = f" ({unit})" if unit else ""
-    lines = []
-    methods = ordered(METHODS, rows, "method")
-    for environment in distinct(rows, "environment"):
-        of_environment = matching(rows, environment=environment)
-        line = [(environment,), value(of_environment[0], size)]
-        for method in methods:
-            row = first(matching(of_environment, method=method))
-            line += [of("band")(row), of("relative", 3, "percent")(row)]
-        lines.append(line)
-    heads = [capitalised(words.environment), f"{symbol}{in_unit}"]
-    for method in methods:
-        heads += [f"{METHOD_NAMES[method]}{in_unit}", f"relative, {METHOD_NAMES[method]}"]
-    what = "|Z_e|" if quantity is None else quantity.words
-    at = f" at {band.omega:g} rad/s, without the device" if parameter is None else ""
-    caption = f"Width of the next {words.user}’s interval of {what}{at}."
-    return Section(
-        name,
-        f"Band of {what}",
-        [_answer(rows, statements, results, size), *_law_said(laws)],
-        [
-            Table(caption, heads, lines, name=name, csv=name),
-            _law_table(laws, symbol, words.environment),
-            _statement_table(statements),
-        ],
-        figures=[name],
-    )
-
-
-def _statement_table(statements: Sequence[BandStatement]) -> Table:
-    """Return how probably statements on bands are true, by method."""
-    methods = ordered(METHODS, statements, "method")
-    lines = []
-    for said in distinct(statements, "statement"):
-        line: list[Cell] = [(said,)]
-        for method in methods:
-            row = first(matching(statements, statement=said, method=method))
-            line.append(of("probability", 3, "percent")(row))
-        lines.append(line)
-    caption = "Share of posterior draws, or of bootstrap samples, in which a statement is true."
-    return Table(caption, ["Statement", *(METHOD_NAMES[method] for method in methods)], lines)
+    own = [row for row in rows if parameter in (None, row.parameter)]
+    return table_of(caption, own, columns)
 
 
 def _law_table(laws: Sequence[BandLaw], symbol: str, environment: str) -> Table:
     """Return the laws with their parameters and errors."""
 
     def parameters(law: BandLaw) -> Cell:
-        parts: list[str | Value] = []
-        for name in law.parameters:
-            low, middle, high = (
-                value(law, "parameters", name, end, digits=3) for end in ("lower", "value", "upper")
-            )
-            parts += [f"{', ' if parts else ''}{name} = ", *middle, " (", *low, " to ", *high, ")"]
-        return tuple(parts)
+        parts: Cell = ()
+        for name, coefficient in law.parameters.items():
+            comma = ", " if parts else ""
+            parts = (*parts, f"{comma}{name} = ", *_coefficient(coefficient))
+        return parts
 
     columns: Columns = {
         "Law": lambda law: _LAWS[law.model].format(symbol),
@@ -370,35 +336,33 @@ def _law_table(laws: Sequence[BandLaw], symbol: str, environment: str) -> Table:
     return table_of(caption, laws, columns)
 
 
-def _law_said(laws: Sequence[BandLaw]) -> list[str]:
-    """Return what the law that is ahead says, by the better method."""
-    best = max(laws, key=lambda law: (law.method == "bayesian", law.best), default=None)
-    return [] if best is None else [best.sentence]
+def _coefficient(one: Coefficient) -> Cell:
+    return (*value(one.value, 3), " (", *value(one.lower, 3), " to ", *value(one.upper, 3), ")")
 
 
-def _answer(
-    rows: Sequence[BandRow], statements: Sequence[BandStatement], results: Results, size: str
-) -> str:
+def _is_narrower(results: Results, parameter: str | None) -> str:
     """Say whether the relative band is narrower where the size is lowest."""
-    said = [row for row in statements if ", relative to" in row.statement]
-    if not said:
+    band = results.band
+    own = {"family": family_of(results), "parameter": parameter}
+    statements = matching(band.statements if band else (), **own)
+    relative = [row for row in statements if ", relative to" in row.statement]
+    if band is None or not relative:
         return ""
-    row = said[-1]
-    words = words_of(results)
-    of_method = matching(rows, method=row.method)
-    low = min(of_method, key=lambda one: getattr(one, size))
-    high = max(of_method, key=lambda one: getattr(one, size))
+    row = relative[-1]
+    size = size_name(parameter)
+    rows = sorted(matching(band.rows, **own, method=row.method), key=lambda one: getattr(one, size))
+    low = rows[0]
+    high = rows[-1]
     decision = results.provenance.scene["inference"]["decision"]
-    at = "low impedance" if size == "impedance" else "low references"
-    claim = f"the data do not tell whether discrimination is better at {at}"
+    claim = "the data do not tell whether discrimination is better"
     if row.probability >= decision:
-        claim = f"discrimination is better at {at}"
+        claim = "discrimination is better"
     elif row.probability <= 1.0 - decision:
-        claim = f"discrimination is not better at {at}"
+        claim = "discrimination is not better"
     return (
-        f"Relative to the size, {claim}: the band of {words.users} is"
-        f" {percentage(low.relative, 2)} in {low.environment}, the lowest, and"
-        f" {percentage(high.relative, 2)} in {high.environment}, the highest. The probability that"
-        f" it is narrower in {low.environment} is {percentage(row.probability, 2)}"
-        f" ({METHOD_NAMES[row.method]})."
+        f"Relative to the size, {claim} at low {'references' if parameter else 'impedance'}: the"
+        f" band of {results.data.words.users} is {percentage(low.relative, 2)} in"
+        f" {low.environment}, the lowest, and {percentage(high.relative, 2)} in"
+        f" {high.environment}, the highest. The probability that it is narrower in"
+        f" {low.environment} is {percentage(row.probability, 2)} ({METHOD_NAMES[row.method]})."
     )

@@ -3,57 +3,56 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 from percept.errors import capitalised
-from percept.report.sections import Cell, Section, Table, of, table_of
-from percept.report.select import words_of
+from percept.report.sections import Cell, Columns, Section, Table, of, table_of
 from percept.results import LeftOutRow, Note, Results, plain
 from percept.scene import Scene
-
-__all__ = ["data"]
 
 
 def data(results: Results) -> Section:
     """Return the section of the data and their provenance."""
-    words = words_of(results)
+    words = results.data.words
     read = results.data
-    empty = f"empty cells ({words.subject} × {words.environment})"
     labels = {
         "subjects": words.subjects,
         "environments": words.environments,
-        "empty cells (subject × environment)": empty,
+        "empty cells (subject × environment)": (
+            f"empty cells ({words.subject} × {words.environment})"
+        ),
     }
     counts = [f"{labels.get(what, what)} {count}" for what, count in read.counts.items()]
-    cells = {
+    cells: Columns = {
         capitalised(words.environment): of("environment"),
         "Quantity": lambda row: f"{row.parameter} ({row.unit})" if row.unit else row.parameter,
         words.subjects: of("n", style="count"),
         "Mean": of("mean"),
         "SD": of("sd"),
     }
-    exclusions = table_of(
-        "What was left out, and why.",
-        read.exclusions,
-        {"Who": of("who"), "What": of("what"), "Why": of("why"), "Where": _place},
-    )
+    left_out: Columns = {
+        "Who": of("who"),
+        "What": of("what"),
+        "Why": of("why"),
+        "Where": _place,
+    }
     sentences = [f"Read: {', '.join(counts)}."] if counts else []
     if not read.exclusions:
         sentences.append("No row was left out.")
-    caption = f"Values: {words.subjects}’ means over their trials."
     return Section(
         "data",
         "Data",
-        sentences,
+        [" ".join(sentences)],
         [
-            table_of(caption, read.cells, cells),
-            exclusions,
+            table_of(
+                f"Values: {words.subjects}’ means over their trials.", read.cells, cells, csv="data"
+            ),
+            table_of("What was left out, and why.", read.exclusions, left_out),
             _settings(results),
         ],
         parts=[
             Section("doubts", "To look at; nothing is left out", _notes(read.doubts), form="list"),
             Section("notices", "Choices of the reader", _notes(read.notices), form="list"),
-            Section("provenance", "Provenance", list(_provenance(results))),
+            Section("provenance", "Provenance", [" ".join(_provenance(results))]),
             Section("skipped", "Not computed", _skipped(results), form="list"),
         ],
         is_folded=True,
@@ -87,22 +86,19 @@ def _settings(results: Results) -> Table:
     for table, entries in results.provenance.scene.items():
         usual = defaults.get(table) or {}
         for key, setting in entries.items() if isinstance(entries, Mapping) else ():
-            if setting != usual.get(key):
+            if setting and setting != usual.get(key):
                 lines.append([(f"{table}.{key}",), (str(setting),)])
     return Table("The scene, where it differs from the defaults.", ["Key", "Value"], lines)
 
 
 def _skipped(results: Results) -> list[str]:
     """Say what was not computed of what somebody asked for."""
-    scene: Mapping[str, Any] = results.provenance.scene
-    jnd = scene.get("study", {}).get("jnd")
-    unasked = [
-        "" if scene.get("device") else "[device]",
-        "" if scene.get("coupling") else "[coupling]",
-    ]
+    scene = results.provenance.scene
+    unasked = [f"[{table}]" for table in ("device", "coupling") if not scene.get(table)]
+    has_jnd = bool((scene.get("study") or {}).get("jnd"))
     sentences = []
     for row in results.skipped:
-        nobody = any(table in row.why for table in unasked)
-        if not nobody and (jnd or not row.what.startswith("JND")):
+        is_asked = has_jnd or not row.what.startswith("JND")
+        if is_asked and not any(table in row.why for table in unasked):
             sentences.append(f"{row.what}: {row.why}.")
     return sentences

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from percept.boundary.confidence import FEWEST_FOR_PAIR, PARTS
 from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE
@@ -21,15 +22,14 @@ from percept.report.sections import (
     table_of,
     value,
 )
-from percept.report.select import METHOD_NAMES, distinct, is_rendered, words_of
+from percept.report.select import METHOD_NAMES, distinct, is_rendered
 from percept.results import (
     ChangedVerdict,
+    ConfirmedCoupling,
     Coupling,
     Results,
     Verdict,
 )
-
-__all__ = ["centrals", "display"]
 
 _RENDERS = {"can": "can be rendered", "cannot": "cannot be rendered", "undecided": "undecided"}
 _BOUNDS = {
@@ -48,9 +48,7 @@ def display(results: Results) -> Section:
         parts=[
             _rendering(results),
             _verdicts(results),
-            _equation_ten(results),
             _couplings(results),
-            _other_devices(results),
         ],
         is_folded=True,
     )
@@ -68,8 +66,8 @@ def _rendering(results: Results) -> Section:
     """Return what the device renders with every hand."""
     rows = results.rendering or ()
     if not rows:
-        return Section("rendering", "")
-    words = words_of(results)
+        return Section("rendering")
+    words = results.data.words
     sentences = [
         "A sampled loop works out a force from positions and holds it for a sample. Some passive"
         " hand makes the motion grow unless the device dissipates enough (Colgate and Schenkel"
@@ -101,24 +99,28 @@ def _rendering(results: Results) -> Section:
     if len(distinct(rows, "binding_omega")) == 1 < len(rows):
         del columns["binds at ω (rad/s)"]
         caption += f" It binds at {short(rows[0].binding_omega, 5)} rad/s."
-    table = table_of(caption, rows, columns, name="rendering")
+    if results.coupling:
+        sentences.append(_eq10(results.coupling))
+    table = table_of(caption, rows, columns, name="rendering", csv="rendering")
     title = "What can be rendered with every hand"
-    return Section("rendering", title, sentences, [table], ["stability"])
+    return Section("rendering", title, sentences, [table, _effective(results)], ["stability"])
 
 
 def centrals(results: Results) -> Table:
-    """Return how probably what can be rendered lies in wider and narrower central ranges."""
+    """Return how probably what can be rendered lies in narrower central ranges."""
     rows = [
         row
         for row in results.verdicts
         if row.bayesian and is_rendered(results, row.environment, coupled=row.coupled)
     ]
-    columns = _where(words_of(results).environment)
+    columns = _where(results.data.words.environment)
     for index, one in enumerate(rows[0].bayesian.by_central if rows and rows[0].bayesian else ()):
-        columns[f"central {percent(one.central)}"] = _at_central(index)
+        # The verdict's own share stands in the table above.
+        if one.central != rows[0].central:
+            columns[f"central {percent(one.central)}"] = _at_central(index)
     caption = (
-        "Probability (Bayesian) that what can be rendered lies among narrower and wider central"
-        f" shares of {words_of(results).users}."
+        "Probability (Bayesian) that what can be rendered lies among other central shares of"
+        f" {results.data.words.users}."
     )
     return table_of(caption, rows, columns, name="centrals", csv="verdicts")
 
@@ -128,7 +130,7 @@ def _at_central(index: int) -> Callable[[Verdict], Cell]:
         probabilities = row.bayesian.by_central if row.bayesian else ()
         if index >= len(probabilities):
             return NOTHING
-        return value(probabilities[index], "probability", digits=3, style="percent")
+        return value(probabilities[index].probability, 3, "percent")
 
     return cell
 
@@ -137,8 +139,8 @@ def _verdicts(results: Results) -> Section:
     """Return the verdicts of both methods by parts, and what the paper's rule says."""
     verdicts = results.verdicts
     if not verdicts:
-        return Section("verdicts", "")
-    words = words_of(results)
+        return Section("verdicts")
+    words = results.data.words
     first = verdicts[0]
     sentences = [
         f"What is displayed feels real if it lies among the central {percent(first.central)} of"
@@ -147,7 +149,7 @@ def _verdicts(results: Results) -> Section:
         " between them the data do not decide.",
         f"Wide limits of few {words.subjects} are no evidence: with fewer than"
         f" {FEWEST_FOR_MAGNITUDE} |Z_h| alone never says “does not”.",
-        *paper_rule(results, words),
+        *paper_rule(results),
     ]
     if results.data.form == "summary":
         sentences.append("Published limits hold no correlation: k and b vary independently here.")
@@ -158,16 +160,18 @@ def _verdicts(results: Results) -> Section:
 def _by_parts(results: Results) -> Table:
     """Return probabilities and confidences, and those of each part alone."""
     rows = results.verdicts
-    words = words_of(results)
+    words = results.data.words
     columns: Columns = {
         "Displayed": lambda row: f"{row.environment}, {'coupled' if row.coupled else 'directly'}"
     }
-    caption = "That what is displayed lies there, in all and by parts, at the least favourable ω."
+    caption = (
+        "Probability or confidence that what is displayed lies there by parts, at the least"
+        " favourable ω."
+    )
     if any(row.bayesian for row in rows):
         columns |= {
-            "Probability (Bayesian)": plus_minus("bayesian.probability", "bayesian.error"),
-            "by |Z_h|": of("bayesian.magnitude", 3, "percent"),
-            "by k and b": of("bayesian.plane", 3, "percent"),
+            "Bayesian: |Z_h|": plus_minus("bayesian.magnitude", "bayesian.error"),
+            "k and b": of("bayesian.plane", 3, "percent"),
             "at ω (rad/s)": of("bayesian.lowest_omega", 3),
         }
     if "posterior" in results.provenance.scene.get("device", {}):
@@ -175,7 +179,7 @@ def _by_parts(results: Results) -> Table:
         caption += " Each draw has a device of its own."
     if any(row.classical for row in rows):
         columns |= {
-            "Confidence (classical): k": of("classical.stiffness", 3, "percent"),
+            "classical: k": of("classical.stiffness", 3, "percent"),
             "b": of("classical.damping", 3, "percent"),
             "|Z_h|": of("classical.magnitude", 3, "percent"),
             "at ω, rad/s": of("classical.magnitude_omega", 3),
@@ -200,18 +204,17 @@ def _more(row: Verdict) -> Cell:
     if row.more is None:
         return NOTHING
     if row.more.subjects is None:
-        return ("> ", *value(row.more, "most", style="count"))
-    return value(row.more, "subjects", style="count")
+        return ("> ", *value(row.more.most, style="count"))
+    return value(row.more.subjects, style="count")
 
 
-def _equation_ten(results: Results) -> Section:
-    """Return what Eq. 10 says of the coupling, and what references become through it."""
+def _effective(results: Results) -> Table:
+    """Return what references become through the coupling."""
     coupling = results.coupling
     if coupling is None:
-        return Section("coupling", "")
-    words = words_of(results)
-    columns = {
-        capitalised(words.environment): of("environment"),
+        return Table()
+    columns: Columns = {
+        capitalised(results.data.words.environment): of("environment"),
         "stiffness (N/m)": of("effective_stiffness"),
         "damping (N·s/m)": of("effective_damping"),
     }
@@ -219,17 +222,16 @@ def _equation_ten(results: Results) -> Section:
         f"What the references become through the coupling at {short(coupling.read_at, 5)} rad/s,"
         " before hold and delay."
     )
-    table = table_of(caption, coupling.memberships, columns, csv="memberships")
-    return Section("coupling", "The coupling by the paper’s Eq. 10", [_eq10(coupling)], [table])
+    return table_of(caption, coupling.memberships, columns, csv="memberships")
 
 
 def _eq10(coupling: Coupling) -> str:
     """Say whether the coupling meets Eq. 10, and by which margin."""
     said = (
-        "Eq. 10 asks for absolute stability of two ports joined by velocities. It leaves out that"
-        " sampled forces alias, and does not say what a sampled loop renders. Of the coupling of"
-        f" {coupling.stiffness:g} N/m and {coupling.damping:g} N·s/m it is {coupling.eq10}. It"
-        f" binds at {short(coupling.eq10_omega, 5)} rad/s, where the device has"
+        "Eq. 10 of the paper asks for absolute stability of two ports joined by velocities. It"
+        " leaves out that sampled forces alias, and does not say what a sampled loop renders. Of"
+        f" the coupling of {coupling.stiffness:g} N/m and {coupling.damping:g} N·s/m it is"
+        f" {coupling.eq10}. It binds at {short(coupling.eq10_omega, 5)} rad/s, where the device has"
         f" {percentage(coupling.eq10_margin)} of the damping asked for."
     )
     if coupling.required_damping is not None:
@@ -243,8 +245,8 @@ def _couplings(results: Results) -> Section:
     """Return the map of couplings, and its ends."""
     design = results.design
     if design is None:
-        return Section("design", "")
-    words = words_of(results)
+        return Section("design")
+    words = results.data.words
     of_which = ", the share of fiducial draws" if design.method == "classical" else ""
     sentences = [
         f"A coupling is admissible where the device renders the {words.environment} through it"
@@ -257,45 +259,59 @@ def _couplings(results: Results) -> Section:
             f"Probabilities are products: of being rendered, over {design.devices} devices of the"
             " posterior, and of feeling real with the device at its point."
         )
-    lines: list[list[Cell]] = []
+    ends = []
     for row in design.environments:
-        name = (row.name or "all together",)
         for side, end in (("softest", row.softest), ("stiffest", row.stiffest)):
             if end is not None:
-                probability = plus_minus("probability", "error")(end)
-                ends = [of("stiffness")(end), of("damping", 4)(end)]
-                lines.append([name, (side,), *ends, probability, (_BOUNDS[end.bound],)])
-        if row.softest is None and row.stiffest is None:
-            outcome = "none" if row.outcome == "none" else "not decided"
-            lines.append([name, (outcome,), *[NOTHING] * 4])
-    heads = [capitalised(words.environment), "Coupling", "k_c (N/m)", "b_c (N·s/m)"]
-    heads += ["Probability", "Bounded by"]
+                ends.append(_End(row.name or "all together", side, end))
+    columns: Columns = {
+        capitalised(words.environment): of("name"),
+        "Coupling": of("side"),
+        "k_c (N/m)": of("coupling.stiffness"),
+        "b_c (N·s/m)": of("coupling.damping", 4),
+        "Probability": plus_minus("coupling.probability", "coupling.error"),
+        "Bounded by": lambda end: _BOUNDS[end.coupling.bound],
+    }
     caption = "Softest and stiffest admissible coupling, confirmed at every ω; what fails beyond."
-    table = Table(caption, heads, lines, name="design")
-    return Section("design", "Which couplings feel real", sentences, [table], ["design"])
+    table = table_of(caption, ends, columns, name="design")
+    return Section(
+        "design",
+        "Which couplings feel real",
+        [" ".join(sentences)],
+        [table, _other_devices(results)],
+        ["design"],
+    )
 
 
-def _other_devices(results: Results) -> Section:
+class _End(NamedTuple):
+    """An end of the map of couplings."""
+
+    name: str
+    side: str
+    coupling: ConfirmedCoupling
+
+
+def _other_devices(results: Results) -> Table:
     """Return how verdicts move with another mass or damping of the device."""
     others = results.sensitivity
     if others is None:
-        return Section("device", "")
-    columns = _where(words_of(results).environment)
+        return Table()
+    columns = _where(results.data.words.environment)
     for index in range(1, len(others.mass)):
         changed, unit = (others.mass, "kg") if index < 3 else (others.damping, "N·s/m")
         columns[f"{short(changed[index], 4)} {unit}"] = _with_device(index)
     caption = (
-        f"Probability of lying among users with other mass or damping of the device"
+        "Half and 1.5 times the device’s mass and damping: probability of lying among users"
         f" ({METHOD_NAMES[others.method]}, {others.draws} draws). †: cannot be rendered with every"
-        " hand."
+        " hand; what none of them renders is left out."
     )
-    table = table_of(caption, others.verdicts, columns, name="device")
-    return Section("device", "Half and 1.5 times the device’s mass and damping", tables=[table])
+    rows = [row for row in others.verdicts if any(row.rendered)]
+    return table_of(caption, rows, columns, name="device")
 
 
 def _with_device(index: int) -> Callable[[ChangedVerdict], Cell]:
     def cell(row: ChangedVerdict) -> Cell:
-        probability = value(row, "probability", index, digits=3, style="percent")
+        probability = value(row.probability[index], 3, "percent")
         return probability if row.rendered[index] else (*probability, " †")
 
     return cell

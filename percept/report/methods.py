@@ -4,32 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from importlib import resources
-from typing import Any
 
 from percept import __version__
-from percept.errors import capitalised, counted
+from percept.errors import counted
 from percept.inference.record import percent
-from percept.report.contrast import design_words
 from percept.report.numbers import percentage, short
 from percept.report.sections import Section
 from percept.report.select import (
     KINDS,
-    compared_by_difference,
     distinct,
     family_of,
     gives_means,
+    is_relative,
     listed,
     makes_impedance,
     matching,
-    ordered,
-    words_of,
+    present,
 )
 from percept.results import Results
-
-__all__ = ["Reference", "bibtex", "cited", "methods", "methods_paragraph", "who_gave_what"]
 
 _CLASSICAL = {
     "mean": "t-intervals of the mean",
@@ -50,12 +45,10 @@ class Reference:
 
 def methods(results: Results, paragraph: str) -> Section:
     """Return paragraphs to paste, and the references."""
-    works = [
-        f"{reference.text} doi:{reference.fields['doi']}" if "doi" in reference.fields
-        else reference.text
-        for reference in cited(results)
-    ]  # fmt: skip
-    numbered = [f"[{rank}] {text}" for rank, text in enumerate(works, start=1)]
+    numbered = []
+    for rank, reference in enumerate(cited(results), start=1):
+        doi = reference.fields.get("doi")
+        numbered.append(f"[{rank}] {reference.text}" + (f" doi:{doi}" if doi else ""))
     return Section(
         "methods",
         "Results and methods, ready to paste",
@@ -83,28 +76,43 @@ def _cite(results: Results, key: str) -> str:
 def who_gave_what(results: Results) -> str:
     """Say who gave the data, of what, and how often."""
     data = results.data
-    words = words_of(results)
-    references = f"{data.references} {words.environments}"
-    if data.references == 1:
-        references = f"one {words.environment}"
+    words = data.words
+    references = counted(data.references, words.environment, words.environments)
     if data.form != "trials":
         return f"The data are published limits, or means and SDs, of {references}."
-    simulated = "simulated " if data.simulated else ""
-    who = f"{data.subjects} {simulated}{words.subject if data.subjects == 1 else words.subjects}"
+    who = f"{data.subjects} {'simulated ' if data.simulated else ''}{words.subjects}"
     what = listed([quantity.label for quantity in data.quantities.values()])
+    did = f"{words.verb} the {what} to the references of {references}"
     if gives_means(results):
-        did = f"gave {what} in {references}"
+        did = f"{words.verb} {what} in {references}"
     elif makes_impedance(results):
-        did = (
-            f"adjusted the {what} of virtual {words.environments} until they felt like {references}"
-        )
-    else:
-        did = "adjusted" if words.verb == "set" else words.verb
-        did = f"{did} the {what} to the references of {references}"
-    design = design_words(results)
-    within = f" at each of {design.within}" if design.within else ""
-    groups = "".join(f" They were {group}." for group in design.groups)
-    return f"{who} {did}{within}{_repeats(results)}.{groups}"
+        did = f"{words.verb} the {what} of virtual {words.environments} to match {references}"
+    within, groups = _design(results)
+    at_each = f" at each of {within}" if within else ""
+    made_up = "".join(f" They were {group}." for group in groups)
+    return f"{who} {did}{at_each}{_repeats(results)}.{made_up}"
+
+
+def _design(results: Results) -> tuple[str, list[str]]:
+    """Name the levels of factors within subjects, and the sizes of groups."""
+    # Of several quantities the first has the same levels.
+    every = matching(results.levels, parameter=results.data.parameters[0])
+    within = []
+    groups = []
+    for factor in distinct(every, "factor"):
+        levels = matching(every, factor=factor, environment=None)
+        if levels and levels[0].within:
+            within.append(f"{len(levels)} levels of {factor}")
+            continue
+        sizes = []
+        for row in levels:
+            # Some subjects lack references, and so an overall value.
+            own = matching(every, factor=factor, level=row.level)
+            values = zip(*(one.values for one in own), strict=True)
+            count = sum(any(one is not None for one in of_subject) for of_subject in values)
+            sizes.append(f"{count} {row.level}")
+        groups.append(f"{listed(sizes)} ({factor})")
+    return listed(within), groups
 
 
 def _repeats(results: Results) -> str:
@@ -112,70 +120,64 @@ def _repeats(results: Results) -> str:
     design = results.data.design
     if design is None:
         return ""
-    words = words_of(results)
     said = ", once each" if design.trials[1] == 1 else f", in {_span(design.trials)} trials each"
     if design.sessions[1] > 1:
         said += f" over {_span(design.sessions)} sessions"
     if design.missing:
-        said += f" ({design.missing} of {design.cells} cells of {words.a_subject} are empty)"
+        said += f" ({design.missing} of {design.cells} cells are empty)"
     return said
 
 
 def _span(counts: tuple[int, int]) -> str:
-    return f"{counts[0]}" if counts[0] == counts[1] else f"{counts[0]} to {counts[1]}"
+    return " to ".join(dict.fromkeys(map(str, counts)))
 
 
 def _fitted(results: Results) -> Iterator[str]:
     """Say which intervals there are, of which model."""
-    words = words_of(results)
+    words = results.data.words
     used = distinct(results.intervals, "method")
-    kinds = ordered(KINDS, results.intervals, "kind")
-    inference = results.provenance.scene["inference"]
+    kinds = present(KINDS, results.intervals, "kind")
+    if not kinds:
+        return
     what = "Realistic performance boundaries" if results.boundaries else "Intervals"
-    if kinds:
-        cite = _cite(results, "boundaries")
-        yield f"{what}{cite} were derived with percept {__version__}{_cite(results, 'percept')}."
+    boundaries = _cite(results, "boundaries")
+    yield f"{what}{boundaries} were derived with percept {__version__}{_cite(results, 'percept')}."
     if "classical" in used:
         named = listed([_CLASSICAL[kind].format(words.user) for kind in kinds])
-        families = " and for ".join(_classical_families(results))
+        families = {"normal"}
+        for row in matching(results.intervals, method="classical"):
+            # Lognormal limits of what has references of zero are in the tables alone.
+            if is_relative(results.intervals, row.parameter):
+                families.add(row.family)
         design = results.data.design
         repeats = ""
         if design and design.trials[1] > 1:
-            repeats = f"; {words.a_subject} counts once, by the mean of the trials"
+            repeats = f"; each {words.subject} counts once, by the mean of the trials"
         yield (
-            f"Classical intervals are {named}{_cite(results, 'meeker2017')}, for {families} values,"
-            f" each equal-tailed{repeats}."
+            f"Classical intervals are {named}{_cite(results, 'meeker2017')}, for"
+            f" {' and for '.join(sorted(families, reverse=True))} values, each equal-tailed"
+            f"{repeats}."
         )
     if "bayesian" in used:
         yield from _sampled(results)
-    if kinds:
-        said = f"The level is {percent(inference['level'])}"
-        if "share" in kinds:
-            said += (
-                f"; limits of a share of {words.users} hold {percent(inference['share'])} of them"
-                f" with confidence {percent(inference['confidence'])}"
-            )
-        yield f"{said}."
-
-
-def _classical_families(results: Results) -> list[str]:
-    """Return the families of the classical intervals that the page shows."""
-    rows = matching(results.intervals, method="classical")
-    # Lognormal limits of what has references of zero are in the tables alone.
-    differences = compared_by_difference(rows)
-    families = {row.family for row in rows if row.parameter not in differences} | {"normal"}
-    return sorted(families, reverse=True)
+    inference = results.provenance.scene["inference"]
+    said = f"The level is {percent(inference['level'])}"
+    if "share" in kinds:
+        said += (
+            f"; limits of a share of {words.users} hold {percent(inference['share'])} of them"
+            f" with confidence {percent(inference['confidence'])}"
+        )
+    yield f"{said}."
 
 
 def _sampled(results: Results) -> Iterator[str]:
     """Say which model was sampled, how, and how accurately."""
-    scene = results.provenance.scene
-    words = words_of(results)
+    model = results.provenance.scene["model"]
     sampler = (
         f"emcee{_cite(results, 'emcee')} by independent proposals and preconditioned Crank–Nicolson"
         f" steps{_cite(results, 'cotter2013')}"
     )
-    if scene["model"]["pooling"] == "partial":
+    if model["pooling"] == "partial":
         response = "logarithm of the ratio of adjustment to reference"
         if family_of(results) != "lognormal":
             response = _deviation(results)
@@ -187,36 +189,31 @@ def _sampled(results: Results) -> Iterator[str]:
         )
     else:
         yield (
-            f"Bayesian intervals come from a model of each {words.environment} and parameter by"
-            f" itself with the reference prior, sampled with {sampler}."
+            f"Bayesian intervals come from a model of each {results.data.words.environment} and"
+            f" parameter by itself with the reference prior, sampled with {sampler}."
         )
     diagnostics = results.diagnostics
     if diagnostics is None:
         return
     gate = diagnostics.gate
-    tolerance = f"{scene['inference']['tolerance']:g}"
-    reached = f"at most {tolerance} of its interval’s half-width"
     start = "Sampling went on until"
+    reached = f"at most {diagnostics.tolerance:g} of its interval’s half-width"
     if not gate.tolerance_met and gate.worst_error is not None:
         start = "Sampling ended when"
         reached = (
-            f"at most {short(gate.worst_error, 3)} of its interval’s half-width, where {tolerance}"
-            " was asked"
+            f"at most {short(gate.worst_error, 3)} of its interval’s half-width, where"
+            f" {diagnostics.tolerance:g} was asked"
         )
     yield (
         f"{start} the Monte Carlo standard error of every limit of the Bayesian intervals was"
         f" {reached}, with rank R̂{_cite(results, 'vehtari2021')} below {gate.rhat_limit} across"
         f" {diagnostics.ensembles} separately seeded ensembles."
     )
-    changed = scene["model"].get("priors", {})
-    said = [
-        f"the {prior.meaning} was {short(prior.value, 4)}"
-        for prior in diagnostics.priors
-        if prior.prior in changed
-    ]
-    if said:
-        yield f"Of the priors, {listed(said)}; all others are percept’s defaults."
-    elif diagnostics.priors:
+    changed = [prior for prior in diagnostics.priors if prior.prior in model.get("priors", {})]
+    if changed:
+        said = listed([f"the {prior.meaning} was {short(prior.value, 4)}" for prior in changed])
+        yield f"Of the priors, {said}; all others are percept’s defaults."
+    else:
         yield "All priors are percept’s defaults."
 
 
@@ -225,7 +222,7 @@ def _compared(results: Results) -> Iterator[str]:
     rows = results.contrast
     if not rows:
         return
-    words = words_of(results)
+    words = results.data.words
     by = distinct(rows, "method")
     if results.levels and "classical" in by:
         measure = "log ratios" if family_of(results) == "lognormal" else "differences"
@@ -246,29 +243,29 @@ def _compared(results: Results) -> Iterator[str]:
         )
     if "bayesian" in by:
         yield "One hierarchical model of all cells gave the Bayesian contrasts."
-    design = design_words(results)
-    if design.covariates:
-        yield f"Covariates, about their means, were {design.covariates}."
-    if design.own_slopes:
-        yield f"Each {words.subject} has a slope of their own on {design.own_slopes}."
+    slopes = matching(rows, of="slope")
+    if slopes:
+        yield f"Covariates, about their means, were {listed(distinct(slopes, 'factor'))}."
+    if own := distinct(matching(slopes, within=True), "factor"):
+        yield f"Each {words.subject} has a slope of their own on {listed(own)}."
 
 
 def _displayed(results: Results) -> Iterator[str]:
     """Say how boundaries and verdicts were computed, and for which device."""
     scene = results.provenance.scene
-    words = words_of(results)
+    words = results.data.words
     if results.boundaries:
+        device = scene["device"]
+        averages = device.get("hold", "average") == "average"
+        hold = "an averaging hold" if averages else "the true zero-order hold"
         frequency = scene["frequency"]
-        hold = "an averaging hold"
-        if scene["device"].get("hold", "average") != "average":
-            hold = "the true zero-order hold"
         yield (
             f"Boundaries of |Z_h| were computed with Tustin’s discretization and {hold} at a"
-            f" sampling period of {scene['device']['period']:g} s{_device(scene['device'])}, from"
+            f" sampling period of {device['period']:g} s{_device(results)}, from"
             f" {frequency['lower']:g} to {frequency['upper']:g} rad/s."
         )
-        if "velocity_filter" in scene["device"]:
-            low_pass = scene["device"]["velocity_filter"]
+        if "velocity_filter" in device:
+            low_pass = device["velocity_filter"]
             yield (
                 "The damper that joins the device acts on a velocity behind a Butterworth filter"
                 f" of {low_pass['cutoff']:g} rad/s and order {low_pass['order']}. Boundaries take k"
@@ -285,9 +282,9 @@ def _displayed(results: Results) -> Iterator[str]:
         verdict = results.verdicts[0]
         sure = "posterior probability" if verdict.method == "bayesian" else "classical confidence"
         yield (
-            f"{capitalised(words.a_environment)} was said to feel real where what is displayed lies"
-            f" in the central {percent(verdict.central)} range of {words.users} at every frequency,"
-            f" by |Z_h| and by effective stiffness and damping, with a {sure} of"
+            f"Each {words.environment} was said to feel real where what is displayed lies in the"
+            f" central {percent(verdict.central)} range of {words.users} at every frequency, by"
+            f" |Z_h| and by effective stiffness and damping, with a {sure} of"
             f" {percent(verdict.decision)} or more."
         )
     if results.coupling and scene.get("coupling"):
@@ -299,8 +296,9 @@ def _displayed(results: Results) -> Iterator[str]:
         )
 
 
-def _device(device: Mapping[str, Any]) -> str:
+def _device(results: Results) -> str:
     """Name the loop and the device that boundaries are of."""
+    device = results.provenance.scene["device"]
     said = ""
     if device.get("delay"):
         said += f", with a loop delay of {device['delay']:g} samples"
@@ -316,30 +314,39 @@ def _device(device: Mapping[str, Any]) -> str:
     return said
 
 
+def _relative_labels(results: Results) -> list[str]:
+    """Name the quantities whose references are all positive."""
+    quantities = results.data.quantities.items()
+    return [one.label for name, one in quantities if is_relative(results.intervals, name)]
+
+
 def _deviation(results: Results) -> str:
     """Say what the responses of the normal family are."""
-    quantities = results.data.quantities
-    differences = compared_by_difference(results.intervals)
     scales = results.provenance.scene["model"]["scale"]
-    labels = {name: quantity.label for name, quantity in quantities.items()}
+    quantities = results.data.quantities
+    relative = [
+        one.label for name, one in quantities.items() if is_relative(results.intervals, name)
+    ]
     parts = []
-    if relative := [label for name, label in labels.items() if name not in differences]:
-        of = "" if not differences else f" ({' and '.join(relative)})"
-        parts.append(f"relative deviation of the adjustment from the reference{of}")
-    for name in (name for name in quantities if name in differences and name in scales):
-        of = f" of {labels[name]}" if relative or len(differences) > 1 else ""
-        size = quantities[name].amount(scales[name])
-        if quantities[name].is_matched:
-            parts.append(f"difference{of} between adjustment and reference in steps of {size}")
+    if relative:
+        which = f" ({' and '.join(relative)})" if len(relative) < len(quantities) else ""
+        parts.append(f"relative deviation of the adjustment from the reference{which}")
+    for name, quantity in quantities.items():
+        if is_relative(results.intervals, name) or name not in scales:
+            continue
+        which = f" of {quantity.label}" if len(quantities) > 1 else ""
+        size = quantity.amount(scales[name])
+        if quantity.is_matched:
+            parts.append(f"difference{which} between adjustment and reference in steps of {size}")
         else:
-            parts.append(f"value{of} over {size}")
+            parts.append(f"value{which} over {size}")
     return " and ".join(parts)
 
 
 def model_words(results: Results) -> str:
     """Say what the hierarchical model is made of; data and scene leave parts of it out."""
     model = results.provenance.scene["model"]
-    words = words_of(results)
+    words = results.data.words
     parameters = distinct(results.intervals, "parameter")
     names = [results.data.quantities[parameter].label for parameter in parameters]
     pair = len(names) == 2
@@ -352,17 +359,16 @@ def model_words(results: Results) -> str:
         both = f" and correlated between {' and '.join(names)}" if pair else ""
         parts.append(f"{words.subject} effects shared by all {words.environments}{both}")
     scatter = f"between-{words.subject} scatter"
-    if several:
-        common = model["common_spread"]
-        scatter += (
-            f" equal in all {words.environments}" if common else f" within each {words.environment}"
-        )
+    if several and model["common_spread"]:
+        scatter += f" equal in all {words.environments}"
+    elif several:
+        scatter += f" within each {words.environment}"
     if several and model["weber"]:
         scatter += (
             f", in proportion to the reference but for each {words.environment}’s own deviation"
         )
     in_force = results.diagnostics.priors if results.diagnostics else ()
-    if any(prior.prior == "omega_s_scale" for prior in in_force):
+    if matching(in_force, prior="omega_s_scale"):
         scatter += f", with trial SDs that differ between {words.subjects}"
     by_itself = f" ({' and '.join(names)} each by itself)" if pair and not sessions else ""
     return f"{', '.join(parts)}, and {scatter}{by_itself}"
@@ -370,16 +376,14 @@ def model_words(results: Results) -> str:
 
 def _trend(results: Results) -> str:
     """Say what joins the biases: no reference of zero or below has a logarithm."""
-    differences = compared_by_difference(results.intervals)
     trend = "a regression of bias on the logarithm of the reference"
-    if not differences:
+    quantities = results.data.quantities
+    relative = [
+        one.label for name, one in quantities.items() if is_relative(results.intervals, name)
+    ]
+    if len(relative) == len(quantities):
         return trend
-    common = "a common bias"
-    relative = [name for name in results.data.quantities if name not in differences]
-    if not relative:
-        return common
-    labels = [results.data.quantities[name].label for name in relative]
-    return f"{trend} ({' and '.join(labels)}) or {common}"
+    return f"{trend} ({' and '.join(relative)}) or a common bias" if relative else "a common bias"
 
 
 @cache

@@ -5,10 +5,8 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Iterator
 
-from percept.report.numbers import SUPERSCRIPT, number
+from percept.report.numbers import SUPERSCRIPT
 from percept.report.sections import Cell, Section, Table
-
-__all__ = ["paste_tables"]
 
 _TEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
@@ -57,13 +55,7 @@ def _named_tables(sections: Iterable[Section]) -> Iterator[Table]:
 
 def _text(cell: Cell) -> str:
     """Write a cell as on the page."""
-    parts = []
-    for part in cell:
-        if isinstance(part, str):
-            parts.append(part)
-        else:
-            parts.append(number(part.exact, digits=part.digits, style=part.style).text)
-    return "".join(parts)
+    return "".join(part if isinstance(part, str) else part.text for part in cell)
 
 
 def _latex(caption: str, rows: list[list[str]]) -> str:

@@ -1,62 +1,47 @@
 """What a page is made of: sections of sentences, tables and figures. Nothing is written here yet.
 
-A table is defined once. The page, LaTeX and Word show its cells.
+A table is defined once. The page, LaTeX and Word show its cells; CSV has the records it is made of.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-from percept.report.numbers import digits_of
-
-__all__ = [
-    "NOTHING", "Cell", "Columns", "Plot", "Section", "Table", "Value", "ends", "of", "plus_minus",
-    "table_of", "value", "with_limits",
-]  # fmt: skip
+from percept.report.numbers import digits_of, written
+from percept.report.select import METHOD_NAMES, matching
 
 
 @dataclass(frozen=True)
 class Value:
-    """A number of the results, by the way to it from a record."""
+    """A number, and how it is shown."""
 
-    record: object
-    steps: tuple[str | int, ...]
+    exact: float
     digits: int = 5
     style: str = "plain"
 
     @property
-    def exact(self) -> Any:
-        """Return what stands there; None where a record on the way is missing."""
-        found: Any = self.record
-        for step in self.steps:
-            if isinstance(found, Mapping):
-                found = found.get(str(step))
-            elif isinstance(found, tuple) and isinstance(step, int):
-                found = found[step]
-            else:
-                found = getattr(found, str(step), None)
-        return found
+    def text(self) -> str:
+        """The number as a reader sees it."""
+        return written(self.exact, self.digits, self.style)
 
 
 #: A cell of a table: texts and numbers, one after the other.
 Cell: TypeAlias = tuple[str | Value, ...]
 NOTHING: Cell = ("–",)
-#: What makes the cells of a table of records, by head.
+#: What makes the cells of a table, by head.
 Columns: TypeAlias = dict[str, Callable[[Any], Cell | str]]
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table."""
+class Table(NamedTuple):
+    """A table; without rows it does not appear."""
 
-    caption: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
-    name: str = ""  # Of its files; empty for a table that has none
+    caption: str = ""
+    heads: Sequence[str] = ()
+    rows: Sequence[Sequence[Cell]] = ()
+    name: str = ""  # Of its LaTeX and Word; empty for a table that has none
     csv: str = ""  # Name of the file with every digit, and with what the table leaves out
-    ids: Sequence[str] = ()  # Of the rows, where something on the page leads to them
 
 
 class Plot(NamedTuple):
@@ -64,7 +49,6 @@ class Plot(NamedTuple):
 
     title: str  # What it shows, in a few words
     description: str  # What a reader who cannot see it should know
-    size: tuple[float, float]  # Width and height, mm
     svg: str  # ``<svg>`` element for a page
     formats: tuple[str, ...]  # Of the files written
 
@@ -74,12 +58,12 @@ class Section:
     """A part of a page; without sentences, tables, figures and parts it does not appear."""
 
     name: str  # Its id on the page
-    title: str
+    title: str = ""
     sentences: Sequence[str] = ()
     tables: Sequence[Table] = ()
     figures: Sequence[str] = ()  # Names of drawings
     parts: Sequence[Section] = ()
-    form: Literal["text", "list", "warning", "paste", "code", "curves"] = "text"
+    form: Literal["text", "list", "warning", "paste", "curves"] = "text"
     is_folded: bool = False
 
     @property
@@ -93,20 +77,19 @@ class Section:
         )
 
 
-def value(record: object, *steps: str | int, digits: int = 5, style: str = "plain") -> Cell:
+def value(exact: float | None, digits: int = 5, style: str = "plain") -> Cell:
     """Return the cell of a number."""
-    return (Value(record, steps, digits, style),)
+    return NOTHING if exact is None else (Value(exact, digits, style),)
 
 
-def of(path: str, digits: int = 5, style: str = "plain") -> Callable[[Any], Cell]:
+def of(path: str, digits: int = 5, style: str = "plain") -> Callable[[Any], Cell | str]:
     """Return what makes the cell of a record's number, or of its text."""
-    steps = tuple(path.split("."))
 
-    def cell(record: object) -> Cell:
-        found = Value(record, steps, digits, style)
-        if isinstance(found.exact, str):
-            return (found.exact,)
-        return NOTHING if found.exact is None else (found,)
+    def cell(record: object) -> Cell | str:
+        found: Any = record
+        for name in path.split("."):
+            found = getattr(found, name, None)
+        return found if isinstance(found, str) else value(found, digits, style)
 
     return cell
 
@@ -116,47 +99,54 @@ def plus_minus(path: str, error: str, digits: int = 3, style: str = "percent") -
     number = of(path, digits, style)
     its_error = of(error, 2, style)
 
-    def cell(record: object) -> Cell:
+    def cell(record: object) -> Cell | str:
         shown = its_error(record)
-        size = shown[0].exact if isinstance(shown[0], Value) else None
-        return (*number(record), " ± ", *shown) if size else number(record)
+        has_error = isinstance(shown[0], Value) and shown[0].exact
+        return (*number(record), " ± ", *shown) if has_error else number(record)
 
     return cell
 
 
-def with_limits(
-    record: Any, middle: str = "estimate", *, style: str = "plain", least: int = 2
-) -> Cell:
-    """Return the cell of an estimate, its limits in brackets."""
-    digits = max(digits_of(getattr(record, middle), record.lower, record.upper), least)
-    return (
-        *value(record, middle, digits=digits, style=style),
-        " (",
-        *ends(record, style=style),
-        ")",
-    )
+def limits(record: Any) -> Cell:
+    """Return the cell of a record's two limits."""
+    lower = value(record.lower, digits_of(record.lower, record.lower, record.upper))
+    upper = value(record.upper, digits_of(record.upper, record.lower, record.upper))
+    return (*lower, " to ", *upper)
 
 
-def ends(record: Any, lower: str = "lower", upper: str = "upper", *, style: str = "plain") -> Cell:
-    """Return the cell of two limits."""
-    low = getattr(record, lower)
-    high = getattr(record, upper)
-    return (
-        *value(record, lower, digits=digits_of(low, low, high), style=style),
-        " to ",
-        *value(record, upper, digits=digits_of(high, low, high), style=style),
-    )
+def estimate(record: Any, style: str = "plain", least: int = 2) -> Cell:
+    """Return the cell of a record's estimate, its limits in brackets."""
+    digits = max(digits_of(record.estimate, record.lower, record.upper), least)
+    middle = value(record.estimate, digits, style)
+    lower = value(record.lower, digits, style)
+    upper = value(record.upper, digits, style)
+    return (*middle, " (", *lower, " to ", *upper, ")")
 
 
-def table_of(
-    caption: str,
-    records: Iterable[Any],
-    columns: Mapping[str, Callable[[Any], Cell | str]],
-    **given: Any,
-) -> Table:
-    """Return a table with a row for each record, and a column for each head."""
-    rows = []
-    for record in records:
-        cells = [column(record) for column in columns.values()]
-        rows.append([(cell,) if isinstance(cell, str) else cell for cell in cells])
-    return Table(caption, tuple(columns), rows, **given)
+def table_of(caption: str, rows: Iterable[Any], columns: Columns, **names: str) -> Table:
+    """Return a table with a row for each record or name, and a column for each head."""
+    lines = []
+    for row in rows:
+        cells = [column(row) for column in columns.values()]
+        lines.append([(cell,) if isinstance(cell, str) else cell for cell in cells])
+    return Table(caption, tuple(columns), lines, **names)
+
+
+def column(
+    records: Sequence[Any], down: str, cell: Callable[[Any], Cell | str]
+) -> Callable[[str], Cell | str]:
+    """Return what makes the cell of the record that has a row's name in a field."""
+    by_name = {getattr(record, down): record for record in reversed(records)}
+    return lambda name: cell(by_name[name]) if name in by_name else NOTHING
+
+
+def side_by_side(
+    records: Sequence[Any], down: str, across: Sequence[str], cell: Callable[[Any], Cell | str]
+) -> Columns:
+    """Return a column for each combination of some fields; rows are the values of another field."""
+    columns: Columns = {}
+    for combination in dict.fromkeys(tuple(getattr(r, name) for name in across) for r in records):
+        own = matching(records, **dict(zip(across, combination, strict=True)))
+        head = ", ".join(METHOD_NAMES.get(text, text) for text in combination)
+        columns[head] = column(own, down, cell)
+    return columns

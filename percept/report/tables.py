@@ -1,4 +1,4 @@
-"""The tables of a report as CSV: all digits, units in the heads, and nothing that runs."""
+"""The tables of a report as CSV: records as report.json has them, with all their digits."""
 
 from __future__ import annotations
 
@@ -6,29 +6,13 @@ import csv
 import dataclasses
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from percept.boundary.feels_real import CENTRALS
 from percept.files import inert
-from percept.report.select import matching
-from percept.results import BandPair, Boundary, Confidences, PosteriorEvidence, Results, Verdict
-
-__all__ = ["csv_tables"]
-
-_INTERVAL = (
-    "environment", "kind", "method", "family", "joint", "level", "share", "confidence", "lower",
-    "upper", "estimate", "reference", "n", "left_out", "covers",
-)  # fmt: skip
-_DATA = ("environment", "n", "reference", "mean", "sd")
-_BAND = ("environment", "method", "family")
-_REFERENCE_BAND = (*_BAND, "reference", "band", "relative")
-_IMPEDANCE_BAND = (*_BAND, "impedance", "band", "relative")
-_CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
-_IMPEDANCE_UNIT = "N·s/m"
-#: Columns in the unit of their table; heads name it.
-_IN_UNIT = ("lower", "upper", "estimate", "reference", "mean", "sd", "coupled", "impedance", "band")
+from percept.results import Results
 
 
 def csv_tables(results: Results) -> dict[str, str]:
@@ -42,130 +26,63 @@ def csv_tables(results: Results) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        CSV; a table without rows is absent.
+        CSV with a row per record, or per frequency of a curve. Columns are called as the fields of
+        report.json; a field of a record within a record as PART_FIELD. A table without rows is
+        absent.
     """
-    tables: dict[str, str] = {}
-    bands = results.band.rows if results.band else ()
-    memberships = results.coupling.memberships if results.coupling else ()
-    for name, quantity in results.data.quantities.items():
-        unit = quantity.unit
-        intervals = matching(results.intervals, parameter=name)
-        cells = matching(results.data.cells, parameter=name)
-        widths = matching(bands, parameter=name)
-        matched = quantity.is_matched
-        tables[f"intervals_{name}"] = _table(intervals, _about(_INTERVAL, matched), unit)
-        tables[f"data_{name}"] = _table(cells, _about(_DATA, matched), unit)
-        tables[f"band_{name}"] = _table(widths, _REFERENCE_BAND, unit)
-    impedances = matching(bands, parameter=None)
-    tables["band"] = _table(impedances, _IMPEDANCE_BAND, _IMPEDANCE_UNIT)
-    tables["subjects"] = _all_fields(results.data.people)
-    tables["boundaries"] = _curves(results.boundaries)
-    tables["psychophysics"] = _all_fields(results.psychophysics)
-    tables["pse_lines"] = _all_fields(results.pse_lines)
-    tables["equivalence"] = _all_fields(results.equivalence)
-    tables["contrast"] = _all_fields(results.contrast)
-    tables["anova"] = _all_fields(results.anova)
-    tables["band_pairs"] = _band_pairs(results.band_pairs or ())
-    tables["memberships"] = _all_fields(memberships)
-    tables["verdicts"] = _verdicts(results.verdicts)
-    return {f"{name}.csv": text for name, text in tables.items() if text}
+    tables: dict[str, Sequence[object]] = {
+        "intervals": results.intervals,
+        "data": results.data.cells,
+        "subjects": results.data.people,
+        "boundaries": results.boundaries,
+        "band": results.band.rows if results.band else (),
+        "band_pairs": results.band_pairs or (),
+        "psychophysics": results.psychophysics,
+        "pse_lines": results.pse_lines,
+        "equivalence": results.equivalence,
+        "contrast": results.contrast,
+        "anova": results.anova,
+        "memberships": results.coupling.memberships if results.coupling else (),
+        "verdicts": results.verdicts,
+        "rendering": results.rendering or (),
+    }
+    return {f"{name}.csv": _csv(records) for name, records in tables.items() if records}
 
 
-def _about(columns: Sequence[str], is_matched: bool) -> list[str]:
-    """Leave out the reference of what was not matched."""
-    return [column for column in columns if is_matched or column != "reference"]
-
-
-def _all_fields(records: Sequence[object]) -> str:
-    """Write every field of records; empty without records."""
-    if not records:
-        return ""
-    return _table(records, list(vars(records[0])))
-
-
-def _band_pairs(pairs: Sequence[BandPair]) -> str:
-    """Write a row per pair of bands, each measure in columns of its name."""
-    rows = []
-    for pair in pairs:
-        row = dict(vars(pair))
-        for measure in ("place", "width"):
-            difference = row.pop(measure)
-            for name, value in vars(difference).items():
-                row[f"{measure}_{name}"] = value
-        rows.append(row)
-    if not rows:
-        return ""
-    return _csv(list(rows[0]), [list(row.values()) for row in rows])
-
-
-def _verdicts(verdicts: Sequence[Verdict]) -> str:
-    """Write a row per verdict, what each method found in columns of its name."""
-    rows = []
-    for verdict in verdicts:
-        row = dict(vars(verdict))
-        del row["leaning"]
-        more = row.pop("more")
-        row["more_subjects"] = None if more is None else more.subjects
-        for method, record in (("bayesian", PosteriorEvidence), ("classical", Confidences)):
-            evidence = row.pop(method)
-            for field in dataclasses.fields(record):
-                row[f"{method}_{field.name}"] = getattr(evidence, field.name, None)
-        others = row.pop("bayesian_by_central") or ()
-        by_central = {other.central: other.probability for other in others}
-        for central in CENTRALS:
-            row[f"bayesian_central_{central:g}"] = by_central.get(central)
-        rows.append(row)
-    if not rows:
-        return ""
-    return _csv(list(rows[0]), [list(row.values()) for row in rows])
-
-
-def _table(records: Sequence[object], names: Sequence[str], unit: str = "") -> str:
-    """Write fields of records, a record a row; empty without records."""
-    if not records:
-        return ""
-    rows = []
-    for record in records:
-        rows.append([getattr(record, name) for name in names])
-    return _csv(_heads(names, unit), rows)
-
-
-def _curves(boundaries: Sequence[Boundary]) -> str:
-    """Write a row per curve and frequency; empty without boundaries."""
-    if not boundaries:
-        return ""
-    heads = _heads(("lower", "upper", "reference", "coupled"), _IMPEDANCE_UNIT)
-    lines = [_csv([*_CURVE, "omega (rad/s)", *heads], [])]
-    for boundary in boundaries:
-        labels = _csv([_cell(getattr(boundary, name)) for name in _CURVE], []).rstrip("\n")
-        columns = [boundary.omega, boundary.lower, boundary.upper, boundary.reference]
-        if boundary.coupled is None:
-            columns.append(np.full_like(boundary.omega, np.nan))
-        else:
-            columns.append(boundary.coupled)
-        for point in np.column_stack(columns).tolist():
-            numbers = ",".join(map(_number, point))
-            lines.append(f"{labels},{numbers}\n")
-    return "".join(lines)
-
-
-def _number(value: float) -> str:
-    """Write a double with every digit; empty for one that is missing."""
-    return "" if math.isnan(value) else repr(value)
-
-
-def _heads(names: Sequence[str], unit: str) -> list[str]:
-    """Name columns, with the unit of those that have one."""
-    return [f"{name} ({unit})" if unit and name in _IN_UNIT else name for name in names]
-
-
-def _csv(heads: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
+def _csv(records: Sequence[object]) -> str:
+    """Write records; columns that only some of them have stand where they first come."""
+    rows = [dict(_flat(record)) for record in records]
+    heads = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)
     for row in rows:
-        writer.writerow([_cell(value) for value in row])
+        curves = {name: one for name, one in row.items() if isinstance(one, np.ndarray)}
+        if not curves:
+            writer.writerow([_cell(row.get(name)) for name in heads])
+            continue
+        cells = {name: _cell(one) for name, one in row.items() if name not in curves}
+        for point in zip(*(curve.tolist() for curve in curves.values()), strict=True):
+            numbers = dict(zip(curves, map(_cell, point), strict=True))
+            writer.writerow([(cells | numbers).get(name) for name in heads])
     return text.getvalue()
+
+
+def _flat(record: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Give the fields of a record, and of records in it, by name."""
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        name = f"{before}{field.name}"
+        if isinstance(value, np.ndarray) and value.ndim > 1:
+            for index, curve in enumerate(value):
+                yield f"{name}_{index}", curve
+        elif dataclasses.is_dataclass(value):
+            yield from _flat(value, f"{name}_")
+        elif isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
+            for index, part in enumerate(value):
+                yield from _flat(part, f"{name}_{index}_")
+        else:
+            yield name, value
 
 
 def _cell(value: object) -> object:

@@ -15,22 +15,14 @@ from percept.report.sections import Plot
 from percept.report.tables import csv_tables
 from percept.results import Beside, Results
 
-__all__ = [
-    "REPORT_FILES",
-    "fill_report",
-    "report_folder",
-    "rewrite_report",
-]
-
 _FORMATS = ("svg", "pdf", "png")
 _TABLES = (
-    "intervals_*", "data_*", "band_*", "band", "boundaries", "psychophysics", "pse_lines",
-    "equivalence", "contrast", "anova", "anova_*", "memberships", "subjects", "overview",
-    "overview_other", "verdicts", "verdicts_classical", "centrals", "rendering", "design", "device",
+    "intervals", "intervals_*", "data", "band", "band_*", "boundaries", "psychophysics",
+    "pse_lines", "equivalence", "contrast", "anova", "memberships", "subjects", "overview",
+    "overview_other", "verdicts", "centrals", "rendering", "design", "device",
 )  # fmt: skip
 _FIGURES = (
-    "levels_*", "overview", "overview_all", "ratios", "boundaries_close", "stability", "design",
-    "band", "band_*",
+    "levels_*", "overview", "ratios", "boundaries_close", "stability", "design", "band", "band_*",
 )  # fmt: skip
 #: What a report may write and replace.
 REPORT_FILES = FolderFiles(
@@ -112,9 +104,8 @@ def fill_report(
         Draws the figures while the rest is written, as `percept.workers.beside` does.
     """
     # Matplotlib and Jinja2 are slow to import.
-    from percept.report.document import build_sections
     from percept.report.methods import bibtex
-    from percept.report.page import render_page
+    from percept.report.page import build_sections, render_page
     from percept.report.paste import paste_tables
 
     step = progress or (lambda _: None)
@@ -126,8 +117,7 @@ def fill_report(
         from percept.report.figures.output import draw_all
 
         step("drawing figures")
-        figures = drawings(results, summary.overview.rows)
-        return draw_all(figures, folder / "figures", formats=formats)
+        return draw_all(drawings(results), folder / "figures", formats=formats)
 
     with beside(draw) as plots:
         (folder / "report.json").write_text(results.to_json(summary), encoding="utf-8")
@@ -145,7 +135,7 @@ def fill_report(
         step("writing the page")
         files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
         today = datetime.date.today().isoformat()
-        page = render_page(results, summary, sections, drawn, date=date or today, files=files)
+        page = render_page(results, sections, drawn, date=date or today, files=files)
         (folder / "report.html").write_text(page, encoding="utf-8")
 
 

@@ -48,16 +48,12 @@ from percept.results.data import (
     DesignCounts,
     LeftOutRow,
     Note,
-    Nouns,
     Provenance,
     SourceFile,
     SubjectRow,
+    Words,
 )
-from percept.results.findings import (
-    Findings,
-    Overview,
-    OverviewRow,
-)
+from percept.results.findings import Findings
 from percept.results.intervals import (
     AnovaRow,
     BandDifference,
@@ -117,10 +113,7 @@ __all__ = [
     "MoreSubjects",
     "NormalityTest",
     "Note",
-    "Nouns",
     "OtherDevices",
-    "Overview",
-    "OverviewRow",
     "Part",
     "PosteriorEvidence",
     "PredictiveCheck",
@@ -139,6 +132,7 @@ __all__ = [
     "SubjectRow",
     "Verdict",
     "WeberTrend",
+    "Words",
     "ZWidth",
     "dumps",
     "plain",

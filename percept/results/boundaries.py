@@ -101,6 +101,9 @@ class BandRow:
     lower: float
     upper: float
     band: float  # Upper minus lower
+    #: Its own limits, over posterior draws or a parametric bootstrap; None where no law is fitted.
+    band_lower: float | None = None
+    band_upper: float | None = None
     relative: float  # Over the environment's size
 
 

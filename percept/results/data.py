@@ -89,12 +89,15 @@ class SubjectRow:
 
 
 @dataclasses.dataclass(frozen=True)
-class Nouns:
-    """The study's words for an environment and a subject: singular and plural."""
+class Words:
+    """What a study calls one and several environments, subjects and users, and what these did."""
 
-    environment: tuple[str, str]
-    subject: tuple[str, str]
-    user: tuple[str, str]  # Users, unless the study names its subjects
+    environment: str
+    environments: str
+    subject: str
+    subjects: str
+    user: str  # Users, unless the study names its subjects
+    users: str
     verb: str = "set"  # What they did to a quantity, in the past tense
 
 
@@ -111,7 +114,7 @@ class Data:
     factor: str | None  # Column of conditions within subjects
     parameters: tuple[str, ...]
     quantities: dict[str, Quantity]  # By parameter
-    words: Nouns
+    words: Words
     counts: dict[str, int]  # Of rows read, left out and missing, by what is counted
     notices: tuple[Note, ...]
     doubts: tuple[Note, ...]

@@ -193,7 +193,7 @@ def band_study(
     statements: list[BandStatement] = []
     for one_band in banded:
         of_band = list(_rows(intervals, one_band))
-        every += of_band
+        ends: dict[tuple[str, Method, Family], Array] = {}
         for (method, family), limits in replicates.items():
             rows = [row for row in of_band if (row.method, row.family) == (method, family)]
             drawn = one_band.ends(limits)
@@ -204,12 +204,24 @@ def band_study(
                 continue
             widths = [upper - lower for lower, upper in drawn.values()]
             redrawn = np.stack(widths, axis=1)
+            tails = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]
+            for name, of_band_ends in zip(
+                environments, np.quantile(redrawn, tails, axis=0).T, strict=True
+            ):
+                ends[name, method, family] = of_band_ends
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's
             # bands.
             bands = None if method == "bayesian" else np.array([row.band for row in rows])
             whose = BandOwner(method=method, family=family, parameter=one_band.parameter)
             laws += band_laws(environments, size, bands, redrawn, whose, level=asked.level)
             statements += band_statements(size, redrawn, whose)
+        for row in of_band:
+            known = ends.get((row.environment, row.method, row.family))
+            if known is not None:
+                row = dataclasses.replace(
+                    row, band_lower=float(known[0]), band_upper=float(known[1])
+                )
+            every.append(row)
     kappa = None if fit is None else weber_trend(fit, level=asked.level)
     return Band(banded[0].omega, tuple(every), tuple(laws), tuple(statements), kappa)
 

@@ -16,10 +16,10 @@ from percept.results import (
     GateVerdict,
     LeftOutRow,
     Note,
-    Nouns,
     Prior,
     Provenance,
     SourceFile,
+    Words,
     plain,
 )
 from percept.scene import Scene
@@ -44,7 +44,6 @@ _MEASURES = (
 def what_was_read(data: Data) -> results.Data:
     """Say what was read: subjects, quantities, notices, and every cell's values."""
     sessions = data.sessions
-    scene = data.scene
     factors = sessions.factors
     exclusions = []
     for row in sessions.exclusions:
@@ -59,7 +58,7 @@ def what_was_read(data: Data) -> results.Data:
         factor=factors.name if factors else None,
         parameters=sessions.parameters,
         quantities={name: sessions.quantities[name] for name in sessions.parameters},
-        words=Nouns(scene.environment_noun, scene.study.subject, scene.user_noun, scene.study.verb),
+        words=_words(data),
         counts=dict(sessions.counts),
         notices=_notes(sessions.notices),
         doubts=_notes(sessions.warnings),
@@ -68,6 +67,16 @@ def what_was_read(data: Data) -> results.Data:
         cells=data.values_by_cell,
         people=data.people,
     )
+
+
+def _words(data: Data) -> Words:
+    """Return the study's words; without a reference people give values unless the scene says."""
+    scene = data.scene
+    quantities = [data.sessions.quantities[name] for name in data.sessions.parameters]
+    verb = scene.study.verb
+    if verb == "set" and not any(quantity.is_matched for quantity in quantities):
+        verb = "gave"
+    return Words(*scene.environment_noun, *scene.study.subject, *scene.user_noun, verb)
 
 
 def _notes(notices: Iterable[Notice]) -> tuple[Note, ...]:

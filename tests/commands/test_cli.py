@@ -148,8 +148,8 @@ def test_report_ends_with_the_page_and_keeps_what_was_there(tmp_path, capsys):
     assert Path(last) == out / "report.html"
     summary = json.loads((out / "report.json").read_text(encoding="utf-8"))["summary"]
     warnings = [f"warning: {sentence}" for sentence in summary["cautions"]]
-    assert said == [*summary["overview"]["sentences"], *warnings]
-    assert said[0].startswith("Stiffness is ")
+    assert said == [*summary["sentences"], *warnings]
+    assert said[0].startswith("Users set stiffness ")
     assert warnings
     assert "VE5" in Path(last).read_text(encoding="utf-8")
     assert (out / "notes.txt").read_text() == "mine"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from percept.report.contrast import design_words
 from percept.report.figures.levels import level_drawings
 from percept.report.figures.output import drawn
+from percept.report.methods import who_gave_what
 from percept.report.sections import Plot
 from percept.report.select import distinct, matching
 from percept.results import LevelValues
@@ -91,7 +91,6 @@ def test_groups_stand_side_by_side_and_colour_the_lines_of_the_others():
     groups = distinct(matching(results.levels, within=False), "level")
     lines = {line.get_label(): line for line in axes_of(drawings[0])[0].lines}
     assert len({lines[name].get_color() for name in groups}) == len(groups) == 2
-    assert f"Colours: {' and '.join(groups)}." in drawings[0].description
 
 
 def test_both_methods_stand_beside_each_other():
@@ -114,7 +113,7 @@ def test_it_is_the_first_figure_of_the_page():
     plots = {}
     for drawing in level_drawings(results):
         _, svg = drawn(drawing, ())
-        plots[drawing.name] = Plot(drawing.title, drawing.description, drawing.size, svg, ())
+        plots[drawing.name] = Plot(drawing.title, drawing.description, svg, ())
     page = page_of(build_document(made, curves=False), plots)
     assert page.count("<strong>Figure 1. Stiffness k at the levels of hand") == 1
     assert page.index('id="figure-levels_k_1"') < page.index('id="bias"')
@@ -128,4 +127,4 @@ def test_groups_count_subjects_who_lack_references():
     far = dataclasses.replace(overall, environment="far", values=(None, 2.0, None))
     results = results_of(study(frame(9, levels=("left", "right", "both"))))
     made = dataclasses.replace(results, levels=(overall, near, far))
-    assert design_words(made).groups == ["2 new (group)"]
+    assert who_gave_what(made).endswith("They were 2 new (group).")

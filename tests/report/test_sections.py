@@ -14,7 +14,6 @@ from percept.report.decisions import coupling_sentences
 from percept.report.figures import drawings
 from percept.report.methods import bibtex, cited, model_words
 from percept.report.overview import findings
-from percept.report.select import words_of
 from percept.results import IntervalRow, Prior
 from percept.sessions.quantities import IMPEDANCE
 from tests.documents import EMPTY, as_results, build_document, page_of, parts_of, sections_of
@@ -27,8 +26,7 @@ END = {
 
 
 def said_of(document):
-    results = as_results(document)
-    return coupling_sentences(results.design, words_of(results))
+    return coupling_sentences(as_results(document))
 
 
 def test_couplings_that_feel_real_are_named_with_their_span(both):
@@ -47,7 +45,7 @@ def test_couplings_that_feel_real_are_named_with_their_span(both):
         "No coupling serves VE1 and VE4.",
         "Whether a coupling makes VE3 feel real the data do not decide.",
     ]
-    sentences = findings(as_results(changed)).overview.sentences
+    sentences = findings(as_results(changed)).sentences
     assert sentences[1] == " ".join(said)
     for row in environments:
         row |= {"stiffest": END | {"bound": "map"}, "softest": END}
@@ -137,8 +135,10 @@ def checked():
 def test_messages_and_tables_stand_on_the_page(checked):
     page = page_of(checked)
     assert "S01 lies far from what the others predict" in page
-    for pointer in ("loo/subjects/0/pareto_k", "statistics/0/above", "normality/0/p_value"):
-        assert f'data-at="/checks/{pointer}"' in page, pointer
+    rows = checked["checks"]
+    shown = [rows["loo"]["subjects"][0]["farther"], rows["statistics"][0]["above"]]
+    for number in (*shown, rows["normality"][0]["p_value"]):
+        assert f'<data value="{number}">' in page
 
 
 def test_no_section_without_checks(checked):
@@ -187,20 +187,17 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
         if cell["environment"] == "VE1"
     ]
     results = as_results(document)
-    overview = findings(results).overview.rows
-    by_name = {drawing.name: drawing for drawing in drawings(results, overview)}
-    said = "24 of 60 environments are drawn, evenly spaced in their order. The tables hold all."
-    for name, count in (("overview_all", 24), ("overview", 5)):
-        figure = Figure(figsize=(7.0, 7.0), layout="constrained")
-        by_name[name].draw(figure)
-        assert len(figure.axes[0].get_yticklabels()) == count
-    assert said in by_name["overview_all"].description
-    assert by_name["overview"].title == "What users set: 5 of 60 environments"
+    by_name = {drawing.name: drawing for drawing in drawings(results)}
+    said = "10 of 60 environments are drawn, those with the clearest bias. The tables hold all."
+    figure = Figure(figsize=(7.0, 7.0), layout="constrained")
+    by_name["overview"].draw(figure)
+    assert len(figure.axes[0].get_yticklabels()) == 10
     figure = Figure(figsize=(7.0, 7.0), layout="constrained")
     by_name["ratios"].draw(figure)
-    assert len(figure.axes) == 24
-    assert said in by_name["ratios"].description
+    assert len(figure.axes) == 10
     parts = parts_of(sections_of(document))
-    assert said in parts["said"].sentences[0]
-    assert [len(parts[name].tables[0].rows) for name in ("environments", "others")] == [5, 55]
+    for name in ("overview", "ratios"):
+        assert by_name[name].description.endswith(said)
+    assert said in parts["boundaries"].sentences
+    assert [len(parts[name].tables[0].rows) for name in ("environments", "others")] == [10, 50]
     assert "others" not in parts_of(sections_of(classical))

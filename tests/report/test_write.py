@@ -28,9 +28,7 @@ def quick():
 def test_everything_promised_is_there(report, both):
     files = {str(path.relative_to(report)) for path in report.rglob("*") if path.is_file()}
     promised = {"report.html", "report.json", "posterior.nc", "references.bib"}
-    promised |= {
-        f"tables/{name}.csv" for name in ("intervals_k", "intervals_b", "boundaries", "band")
-    }
+    promised |= {f"tables/{name}.csv" for name in ("intervals", "boundaries", "band")}
     promised |= {
         f"figures/{name}.svg" for name in ("overview", "ratios", "boundaries_close", "stability")
     }
@@ -181,7 +179,7 @@ def test_the_answer_alone_and_the_page_in_a_browser(report, classical, classical
     assert line.startswith("Through this coupling, only VE1 and VE2 can be rendered with every")
     page = tmp_path / "out" / "report.html"
     assert (tmp_path / "opened").read_text().strip() == page.resolve().as_uri()
-    assert list(classical_study.decide()) == classical["summary"]["overview"]["sentences"]
+    assert list(classical_study.decide()) == classical["summary"]["sentences"]
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,11 @@ from percept.results import (
     Data,
     Findings,
     IntervalRow,
-    Nouns,
-    Overview,
     Provenance,
     Results,
     Skipped,
     SourceFile,
+    Words,
 )
 from percept.sessions.quantities import IMPEDANCE
 
@@ -40,7 +39,7 @@ RESULTS = Results(
     data=Data(
         form="trials", simulated=False, subjects=4, rows=4, environments=("wäll/1~",),
         parameters=("k",), quantities={"k": IMPEDANCE["k"]},
-        words=Nouns(("wall", "walls"), ("user", "users"), ("user", "users")),
+        words=Words("wall", "walls", "user", "users", "user", "users"),
         counts={"rows read": 4}, notices=(), references=1, factor=None,
         doubts=(), exclusions=(), design=None, cells=(),
     ),
@@ -49,7 +48,7 @@ RESULTS = Results(
     comparison=None, band_pairs=None, ladder=None, diagnostics=None, checks=None,
     skipped=(Skipped("band law", "one environment"),),
 )  # fmt: skip
-SUMMARY = Findings(Overview((), ("one",)), (), "")
+SUMMARY = Findings(("one",), (), "")
 
 
 def written(tmp_path, text):

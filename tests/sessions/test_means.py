@@ -10,7 +10,7 @@ from scipy import stats
 
 from percept import Scene, Study
 from percept.cli import main
-from percept.report.overview import overview
+from percept.report.overview import decide
 from percept.sessions import ReadOptions, Sessions
 
 VALUES = {"soft": [4.0, 5.0, 7.0, 6.5], "hard": [9.0, 11.0, 8.0, 12.5]}
@@ -65,13 +65,13 @@ def test_means_without_a_column_of_environments_are_of_one(ratings, tmp_path, ca
     call = ["report", str(ratings), "--scene", str(scene), "--out", str(out), "--no-checks"]
     assert main([*call, "--method", "classical"]) == 0
     assert "in all trials" in capsys.readouterr().out
-    lines = (out / "tables" / "intervals_effort.csv").read_text().splitlines()
+    lines = (out / "tables" / "intervals.csv").read_text().splitlines()
     row = dict(zip(lines[0].split(","), lines[1].split(","), strict=False))
     means = np.mean([VALUES["soft"], VALUES["hard"]], axis=0)
     expected = stats.t.interval(0.99, 3, np.mean(means), stats.sem(means))
     assert (row["environment"], row["family"]) == ("all trials", "normal")
     assert (float(row["lower"]), float(row["upper"])) == pytest.approx(expected, rel=1e-12)
-    assert "reference" not in row
+    assert row["reference"] == "0.0"
 
 
 def test_the_prior_of_means_hardly_draws_them_to_zero(tmp_path):
@@ -109,7 +109,7 @@ def test_means_far_apart_stay_where_the_data_have_them_or_are_the_first_thing_sa
     )
     options = ReadOptions(quantities=scene.quantities)
     study = Study(Sessions.from_frame(table, scene=options), scene)
-    said = overview(study.results()).sentences[0]
+    said = decide(study.results())[0]
     rows = study.intervals.query("method == 'bayesian'").set_index("environment")
     if scale >= 1.0:
         error = stats.sem(left)

@@ -100,9 +100,10 @@ def test_measured_offsets_have_scipys_limits_and_a_page_of_their_own_words() -> 
     page = page_of(build_document(study)).split("<script")[0].split("<main")[1]
     # What percept is called in a bibliography is no word of the study.
     text = re.sub("(?s)<pre.*?</pre>|<[^>]*>", "", page.split('id="data"')[0])
-    assert "43 participants adjusted the offset" in text
+    assert "43 participants set the offset" in text
     headline = (
-        "Offset is above zero in all 7 illusions, from FD (+0.069 deg, +0.047 to +0.091 deg) to FG"
+        "Participants set offset above zero in all 7 illusions, from FD (+0.069 deg, +0.0467 to"
+        " +0.0913 deg) to FG"
         " (+4.59 deg, +4.09 to +5.08 deg) (classical, 95 %)."
     )
     assert headline in text

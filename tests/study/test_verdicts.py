@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.boundary.feels_real import judge
 from percept.report.decisions import doubtful_verdicts
-from percept.report.select import Words
 from tests import DATASETS
 
 
@@ -93,14 +94,14 @@ def test_three_users_do_not_refute_a_wall_by_its_magnitude(tmp_path) -> None:
         inference={"method": "classical"},
         device={"mass": 1.0, "damping": 0.001, "period": 0.001},
     )
-    (verdict,) = Study(read_sessions(path), scene).verdict_rows
+    results = Study(read_sessions(path), scene).results()
+    (verdict,) = results.verdicts
     assert verdict.classical is not None
     assert verdict.classical.magnitude == verdict.probability <= 0.05 / 3.0
     assert min(verdict.classical.stiffness, verdict.classical.damping) > 0.05 / 3.0
     assert verdict.outcome == "too little data"
-    words = Words("wall", "walls", "user", "users", "user", "users")
-    assert doubtful_verdicts([verdict], words) == [
-        "With fewer than 6 users only k or b can show that light would not feel real."
+    assert doubtful_verdicts(dataclasses.replace(results, rendering=())) == [
+        "With fewer than 6 subjects only k or b can show that light would not feel real."
     ]
 
 
@@ -148,6 +149,7 @@ def test_where_nothing_is_left_without_a_mistyped_row_no_verdict_is_given(tmp_pa
     scene = Scene(
         inference={"method": "classical"}, device={"mass": 0.5, "damping": 5.0, "period": 0.001}
     )
-    (verdict,) = Study(read_sessions(path), scene).verdict_rows
+    results = Study(read_sessions(path), scene).results()
+    (verdict,) = results.verdicts
     assert verdict.leaning is not None
     assert verdict.leaning.without is None

@@ -149,7 +149,7 @@ def test_both_methods_have_the_contrasts_of_factors(planted):
 @pytest.mark.evidence
 def test_the_page_tells_every_kind_of_contrast(planted):
     page = page_of(build_document(planted, curves=False))
-    assert "slope on dose" in page
+    assert "slope dose" in page
     assert "interaction hand:load" in page
     assert "Different subjects are compared in group." in page
     assert "1 more of dose" in page

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from percept.report.figures.band import band_drawings
 from percept.report.figures.canvas import Drawing
 from percept.report.figures.couplings import design_drawings, stability_drawings
 from percept.report.figures.curves import curve_drawings
 from percept.report.figures.intervals import overview_drawings
 from percept.report.figures.levels import level_drawings
-from percept.results import OverviewRow, Results
-
-__all__ = ["drawings"]
+from percept.results import Results
 
 
-def drawings(results: Results, overview: Sequence[OverviewRow]) -> list[Drawing]:
+def drawings(results: Results) -> list[Drawing]:
     """Return the figures of results in the order of the page; nothing is drawn yet."""
     return [
         *level_drawings(results),
-        *overview_drawings(results, overview),
+        *overview_drawings(results),
         *curve_drawings(results),
         *stability_drawings(results.zwidth, results.coupling),
         *design_drawings(results),

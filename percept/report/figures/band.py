@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from percept.boundary.band import law_band, size_name
-from percept.report.figures.canvas import COLOURS, MARKERS, WIDE, Drawing, legend, log_scale, panels
-from percept.report.select import METHOD_NAMES, METHODS, distinct, families_of, first, matching
+from percept.report.figures.canvas import (
+    COLOURS,
+    Drawing,
+    draw_interval,
+    legend,
+    log_scale,
+    method_legend,
+    panels,
+)
+from percept.report.select import METHODS, distinct, families_from, family_of, first, matching
 from percept.results import Band, Results
 from percept.sessions.quantities import Quantity
-
-__all__ = ["band_drawings", "draw_band"]
 
 _LAWS = {"weber": "Weber’s law", "offset": "Weber’s law with an offset", "power": "a power law"}
 #: Laws are drawn a little beyond the sizes they were fitted to, a factor.
 _BEYOND = 1.5
 _LAW_POINTS = 80
-_SIZE = (WIDE / 2, 66.0)  # mm
+_HEIGHT = 70.0  # mm
+#: A factor by which the methods' points stand apart.
+_APART = {"classical": 0.96, "bayesian": 1.04}
 
 
 def draw_band(
@@ -46,32 +55,34 @@ def draw_band(
         By parameter.
     """
     size = size_name(parameter)
-    rows = matching(band.rows, parameter=parameter)
-    own = []
+    of_parameter = matching(band.rows, parameter=parameter)
+    drawn = []
     for method in METHODS:
-        row = first(matching(rows, method=method), family=families)
+        row = first(matching(of_parameter, method=method), family=families)
         if row is None:
             continue
-        own = matching(rows, method=method, family=row.family)
-        x = np.array([getattr(one, size) for one in own])
-        y = np.array([one.band for one in own])
-        label = f"{METHOD_NAMES[method]} ({row.family})"
-        ax.plot(x, y, MARKERS[method], markersize=4, color=COLOURS[method], label=label)
+        drawn.append(method)
+        own = matching(of_parameter, method=method, family=row.family)
         laws = matching(band.laws, method=method, family=row.family, parameter=parameter)
-        if laws and (method == "bayesian" or len(distinct(rows, "method")) == 1):
-            law = max(laws, key=lambda one: one.best)
-            grid = np.geomspace(x.min() / _BEYOND, x.max() * _BEYOND, _LAW_POINTS)
-            values = np.array([[estimate.value for estimate in law.parameters.values()]])
-            line = law_band(law.model, values, grid)[0]
-            ax.plot(grid, line, color=COLOURS[method], linewidth=0.9, label=_LAWS[law.model])
+        for one in own:
+            place = getattr(one, size) * _APART[method]
+            ends = [one.band_lower or one.band, one.band_upper or one.band]
+            draw_interval(ax, place, ends, one.band, method, width=1.2, upright=True)
+    log_scale(ax)
+    if laws:
+        law = max(laws, key=lambda one: one.best)
+        sizes = [getattr(one, size) for one in own]
+        grid = np.geomspace(min(sizes) / _BEYOND, max(sizes) * _BEYOND, _LAW_POINTS)
+        values = np.array([[estimate.value for estimate in law.parameters.values()]])
+        line = law_band(law.model, values, grid)[0]
+        ax.plot(grid, line, color=COLOURS[method], linewidth=0.9, label=_LAWS[law.model])
     for one in own:
         ax.annotate(
-            one.environment,
-            (getattr(one, size), one.band),
-            xytext=(4, -8),
-            textcoords="offset points",
-            fontsize="small",
-        )
+            one.environment, (getattr(one, size), one.band), xytext=(6, -7),
+            textcoords="offset points", fontsize="small",
+        )  # fmt: skip
+    method_legend(ax, drawn)
+    ax.margins(x=0.1)
     log_scale(ax, plain=True)
     unit = "N·s/m" if parameter is None else quantities[parameter].unit
     in_unit = f" ({unit})" if unit else ""
@@ -82,26 +93,28 @@ def draw_band(
 
 def band_drawings(results: Results) -> list[Drawing]:
     """Return a figure of bands for the impedance, or for each parameter."""
-    band = results.band
-    if band is None:
+    if results.band is None:
         return []
+    user = results.data.words.user
     drawings = []
-    for parameter in distinct(band.rows, "parameter"):
+    for parameter in distinct(results.band.rows, "parameter"):
         what = "|Z_e|" if parameter is None else results.data.quantities[parameter].words
-
-        def draw(figure: Figure, parameter: str | None = parameter) -> None:
-            (ax,) = panels(figure)
-            draw_band(ax, band, parameter, families_of(results), results.data.quantities)
-            legend([ax], ncols=2)
-
         drawings.append(
             Drawing(
                 name="band" if parameter is None else f"band_{parameter}",
-                title=f"Band of {what}, next {results.data.words.user[0]}",
-                description="Width of the interval of the next"
-                f" {results.data.words.user[0]} against the size. Line: the law that is ahead.",
-                size=_SIZE,
-                draw=draw,
+                title=f"Band of {what}, next {user}",
+                description=f"Width of the interval of the next {user} against the size, with its"
+                " own limits. Line: the law that is ahead.",
+                height=_HEIGHT,
+                draw=partial(_draw, results=results, parameter=parameter),
             )
         )
     return drawings
+
+
+def _draw(figure: Figure, results: Results, parameter: str | None) -> None:
+    (ax,) = panels(figure)
+    assert results.band is not None
+    families = families_from(family_of(results))
+    draw_band(ax, results.band, parameter, families, results.data.quantities)
+    legend([ax], ncols=3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,11 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from percept.report.numbers import SUPERSCRIPT
-
-__all__ = [
-    "COLOURS", "MARKERS", "MM", "REFERENCE_DASHES", "WIDE", "Drawing", "legend", "log_scale",
-    "panels", "short_names", "unique_labels",
-]  # fmt: skip
+from percept.report.select import METHOD_NAMES
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them
 # apart as well. The names come from the page's style sheet, where the dark page has its own values.
@@ -37,13 +33,13 @@ MARKERS = {"classical": "o", "bayesian": "D"}
 REFERENCE_DASHES = (0, (7, 3))
 #: Inches.
 MM = 1 / 25.4
-#: mm, a figure as wide as the page.
-WIDE = 175.0
+#: mm, of every figure: a column of a journal, and of the page.
+WIDTH = 87.5
 #: Ends of a logarithmic axis over each other, up to which more is labelled than powers of ten.
 _SHORT_SPAN = 5.0
 _LONG_SPAN = 1e3
 #: Over so many decades only every second or fifth power is labelled.
-_MOST_TICKS = 7
+_MOST_TICKS = 5
 
 
 @dataclass(frozen=True)
@@ -53,7 +49,7 @@ class Drawing:
     name: str  # Of its file, without ending
     title: str  # What it shows, in a few words
     description: str  # What a reader who cannot see it should know
-    size: tuple[float, float]  # Width and height, mm
+    height: float  # mm
     draw: Callable[[Figure], None]  # Draws on an empty matplotlib Figure with constrained layout
 
 
@@ -68,29 +64,24 @@ def panels(figure: Figure, count: int = 1, *, columns: int | None = None) -> lis
 
 
 def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:
-    """Make axes logarithmic, without minor ticks; powers of ten on request as plain numbers."""
+    """Make axes logarithmic, without minor ticks; as plain numbers between ends that are set."""
     for name in axes:
         ax.set(**{f"{name}scale": "log"})
         axis = {"x": ax.xaxis, "y": ax.yaxis}[name]
         axis.minorticks_off()
         # In letters: matplotlib's formulas take longer than the figure.
         axis.set_major_formatter("{x:g}" if plain else _power_of_ten)
+        low, high = sorted(axis.get_view_interval())
+        steps: tuple[float, ...] = (1,)
+        if plain and high < _SHORT_SPAN * low:
+            steps = (1, 1.2, 1.5, 2, 3, 5, 7)
+        elif plain and high < _LONG_SPAN * low:
+            steps = (1, 2, 5)
+        axis.set_major_locator(LogLocator(subs=steps, numticks=_MOST_TICKS))
 
 
 def _power_of_ten(x: float, _: object) -> str:
     return f"10{str(round(np.log10(x))).translate(SUPERSCRIPT)}"
-
-
-def label_between(ax: Axes, name: Literal["x", "y"]) -> None:
-    """Label a logarithmic axis, whose ends are set, as closely as its span allows."""
-    axis = {"x": ax.xaxis, "y": ax.yaxis}[name]
-    low, high = sorted(axis.get_view_interval())
-    steps: tuple[float, ...] = (1,)
-    if high < _SHORT_SPAN * low:
-        steps = (1, 1.2, 1.5, 2, 3, 5, 7)
-    elif high < _LONG_SPAN * low:
-        steps = (1, 2, 5)
-    axis.set_major_locator(LogLocator(subs=steps, numticks=_MOST_TICKS))
 
 
 def legend(axes: Sequence[Axes], *, ncols: int = 4) -> None:
@@ -104,15 +95,42 @@ def legend(axes: Sequence[Axes], *, ncols: int = 4) -> None:
         figure.legend(list(named.values()), list(named), loc="outside lower left", ncols=ncols)
 
 
-def unique_labels(names: Sequence[str], letters: int) -> list[str]:
-    """Fit names of rows or panels into some letters; equal short names are numbered."""
-    labels = short_names(names, letters)
-    if len(set(labels)) == len(labels):
-        return labels
-    return short_names([f"{row}. {name}" for row, name in enumerate(names, start=1)], letters)
+def method_legend(ax: Axes, methods: Sequence[str]) -> None:
+    """Name methods in the legend by lines of no length."""
+    for method in methods:
+        ax.plot([], [], color=COLOURS[method], linewidth=3, label=METHOD_NAMES[method])
 
 
-def short_names(names: Sequence[str], letters: int) -> list[str]:
+def reference_line(ax: Axes, place: float, across: Literal["x", "y"] = "x") -> None:
+    """Draw where all references lie, or where nothing differs."""
+    line = {"x": ax.axvline, "y": ax.axhline}[across]
+    line(place, color=COLOURS["ink"], linestyle=REFERENCE_DASHES, linewidth=0.8)
+
+
+def draw_interval(
+    ax: Axes,
+    place: float,
+    limits: Iterable[float],
+    estimate: float | None,
+    method: str,
+    *,
+    width: float = 2.4,
+    upright: bool = False,
+) -> None:
+    """Draw an interval as a bar, and its estimate as a mark if there is one."""
+    along = list(limits)
+    beside = [place, place]
+    colour = COLOURS[method]
+    ax.plot(*((beside, along) if upright else (along, beside)), color=colour, linewidth=width)
+    if estimate is not None:
+        at = ([place], [estimate]) if upright else ([estimate], [place])
+        ax.plot(
+            *at, MARKERS[method], markersize=3.4, markerfacecolor=COLOURS["paper"],
+            markeredgecolor=colour,
+        )  # fmt: skip
+
+
+def shortened(names: Sequence[str], letters: int) -> list[str]:
     """Cut long names in the middle: names in a series differ at their ends."""
     end = letters // 2
     return [

@@ -7,27 +7,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from percept.inference.record import percent
+from percept.report.biases import drawn_said, foremost
 from percept.report.figures.canvas import (
     COLOURS,
-    WIDE,
     Drawing,
     legend,
     log_scale,
     panels,
-    unique_labels,
+    shortened,
 )
 from percept.report.figures.curves import draw_stability
-from percept.report.select import METHOD_NAMES, choice_said, chosen, words_of
+from percept.report.select import METHOD_NAMES
 from percept.results import (
     Coupling,
     EnvironmentCouplings,
-    RenderedEdge,
-    RenderedWall,
     Results,
     ZWidth,
 )
-
-__all__ = ["design_drawings", "draw_couplings", "draw_zwidth", "stability_drawings"]
 
 #: Probabilities from which on the map is a shade darker; the decision is one more.
 SHADES = (0.05, 0.25, 0.5, 0.75)
@@ -39,12 +35,11 @@ _ROOM = 1.3  # factor on what a logarithmic axis has to show
 _LINEAR_ROOM = 1.05
 _LEAST_SPAN = 10.0  # of a logarithmic axis
 _FILL_ALPHA = 0.15
-_MOST_COLUMNS = 4  # panels side by side
+_MIDDLE = 0.5  # of the axes
+_MOST_COLUMNS = 2  # panels side by side
 _TITLE = 26  # letters
 _PANEL_HEIGHT = 46.0  # mm, with its labels
 _LEGEND_HEIGHT = 12.0  # mm
-_STABILITY_WIDTH = 124.0  # mm
-_STABILITY_HEIGHT = 56.0  # mm
 
 
 def draw_couplings(
@@ -107,8 +102,8 @@ def draw_couplings(
         ax.plot([own], [used[1]], "X", markersize=5, color=COLOURS["warn"], label=label)
         ends += [own / _ROOM, own * _ROOM]
         top = max(top, used[1])
-    log_scale(ax, "x", plain=True)
     ax.set_xlim(min(ends), max(ends))
+    log_scale(ax, "x", plain=True)
     ax.set_ylim(0.0, _LINEAR_ROOM * top)
     ax.set_xlabel("stiffness (kN/m)")
     ax.set_ylabel("damping (N·s/m)")
@@ -117,41 +112,36 @@ def draw_couplings(
 def design_drawings(results: Results) -> list[Drawing]:
     """Return the maps of environments for which some coupling surely feels real."""
     design = results.design
-    if design is None:
+    shown = (*foremost(results), None)  # All together come last
+    regions = []
+    for region in design.environments if design else ():
+        if region.outcome == "some" and region.name in shown:
+            regions.append(region)
+    if design is None or not regions:
         return []
-    found = {region.name: region for region in design.environments if region.outcome == "some"}
-    if not found:
-        return []
-    # All together come last, and stay.
-    names = [name for name in found if name is not None]
-    regions = [found[name] for name in (*chosen(names), None) if name in found]
     columns = min(len(regions), _MOST_COLUMNS)
     coupling = results.provenance.scene.get("coupling")
     used = (coupling["stiffness"], coupling["damping"]) if coupling else None
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(regions), columns=columns)
-        titles = unique_labels([region.name or "all together" for region in regions], _TITLE)
+        titles = shortened([region.name or "all together" for region in regions], _TITLE)
         for ax, region, title in zip(axes, regions, titles, strict=True):
             draw_couplings(ax, region, decision=design.decision, used=used)
             ax.set_title(title)
-        legend(axes, ncols=3)
+        legend(axes, ncols=2)
 
     shades = ", ".join(f"{100 * shade:.0f}" for shade in SHADES)
-    words = words_of(results)
     return [
         Drawing(
             name="design",
             title="Couplings by the probability that they feel real",
             description="Left of the edge this device renders the"
-            f" {words.environment} with every hand. The darker, the more probably it feels real"
-            f" ({METHOD_NAMES[design.method]}): shades begin at {shades} and"
+            f" {results.data.words.environment} with every hand. The darker, the more probably it"
+            f" feels real ({METHOD_NAMES[design.method]}): shades begin at {shades} and"
             f" {percent(design.decision)}. The cross is the coupling in use."
-            + choice_said(names, words.environments),
-            size=(
-                WIDE * len(regions[:3]) / 3.0,
-                _LEGEND_HEIGHT + _PANEL_HEIGHT * -(-len(regions) // columns),
-            ),
+            f" {drawn_said(results)}".rstrip(),
+            height=_LEGEND_HEIGHT + _PANEL_HEIGHT * -(-len(regions) // columns),
             draw=draw,
         )
     ]
@@ -177,38 +167,34 @@ def draw_zwidth(ax: Axes, width: ZWidth) -> None:
         top = max(top, _ROOM * max(wall.damping for wall in walls))
         left = min(min(wall.stiffness for wall in walls) / _KILO / _ROOM, right / _LEAST_SPAN)
         bottom = min(min(wall.damping for wall in walls) / _ROOM, top / _LEAST_SPAN)
-    _draw_edge(ax, width.edge, left)
+    stiffness = np.maximum(width.edge.stiffness / _KILO, left)
+    colour = COLOURS["coupled"]
+    # Down to both axes.
+    corners = (np.append(stiffness, left), np.append(width.edge.damping, 0.0))
+    ax.fill(*corners, color=colour, alpha=_FILL_ALPHA, linewidth=0)
+    ax.plot(stiffness, width.edge.damping, color=colour, label="rendered with every hand")
     if width.likely is not None:
         ax.plot(
             np.maximum(width.likely.stiffness / _KILO, left), width.likely.damping,
             color=COLOURS["ink"], linestyle="--", linewidth=0.8,
             label="rendered by 95 % of likely devices",
         )  # fmt: skip
+    ax.set_xlim(left, right)
+    ax.set_ylim(bottom, top)
     if walls:
         log_scale(ax, plain=True)
     for wall in walls or width.references:
-        _draw_wall(ax, wall)
-    ax.set_xlim(left, right)
-    ax.set_ylim(bottom, top)
+        place = (wall.stiffness / _KILO, wall.damping)
+        ax.plot(*place, "o", markersize=3, color=COLOURS["ink"])
+        # On the side that has room.
+        across, _ = (ax.transData - ax.transAxes).transform(place)
+        side = "left" if across < _MIDDLE else "right"
+        ax.annotate(
+            wall.environment, place, xytext=(4 if side == "left" else -4, 3), ha=side,
+            textcoords="offset points",
+        )  # fmt: skip
     ax.set_xlabel("stiffness (kN/m)")
     ax.set_ylabel("damping (N·s/m)")
-
-
-def _draw_edge(ax: Axes, edge: RenderedEdge, left: float) -> None:
-    """Fill the region down to both axes."""
-    stiffness = np.maximum(edge.stiffness / _KILO, left)
-    colour = COLOURS["coupled"]
-    corner_stiffness = np.append(stiffness, left)
-    corner_damping = np.append(edge.damping, 0.0)
-    ax.fill(corner_stiffness, corner_damping, color=colour, alpha=_FILL_ALPHA, linewidth=0)
-    ax.plot(stiffness, edge.damping, color=colour, label="rendered with every hand")
-
-
-def _draw_wall(ax: Axes, wall: RenderedWall) -> None:
-    """Mark a reference, with its name on the side that has room."""
-    place = (wall.stiffness / _KILO, wall.damping)
-    ax.plot(*place, "o", markersize=3, color=COLOURS["ink"])
-    ax.annotate(wall.environment, place, xytext=(-3, 3), ha="right", textcoords="offset points")
 
 
 def stability_drawings(width: ZWidth | None, coupling: Coupling | None) -> list[Drawing]:
@@ -219,7 +205,7 @@ def stability_drawings(width: ZWidth | None, coupling: Coupling | None) -> list[
         return []
 
     def draw(figure: Figure) -> None:
-        axes = panels(figure, (in_time is not None) + (by_paper is not None))
+        axes = panels(figure, (in_time is not None) + (by_paper is not None), columns=1)
         if in_time is not None:
             draw_zwidth(axes[0], in_time)
             axes[0].set_title("in time")
@@ -227,7 +213,7 @@ def stability_drawings(width: ZWidth | None, coupling: Coupling | None) -> list[
             lines = {"this coupling": (by_paper.admittance, by_paper.eq10_omega)}
             draw_stability(axes[-1], by_paper.omega, by_paper.bound, lines)
             axes[-1].set_title("by Eq. 10 of the paper")
-        legend(axes, ncols=2)
+        legend(axes, ncols=1)
 
     said = []
     if in_time is not None:
@@ -246,7 +232,7 @@ def stability_drawings(width: ZWidth | None, coupling: Coupling | None) -> list[
             title="What the device renders with every hand"
             + (", in time and by Eq. 10" if two else ""),
             description=" ".join(said),
-            size=(_STABILITY_WIDTH if two else WIDE / 2, _STABILITY_HEIGHT),
+            height=2.0 * _LEGEND_HEIGHT + _PANEL_HEIGHT * (2 if two else 1),
             draw=draw,
         )
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import cycle
 
 import numpy as np
@@ -11,34 +12,30 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from percept.report.decisions import FEELINGS, probability_said
+from percept.report.biases import drawn_said, foremost
+from percept.report.decisions import FEELINGS
 from percept.report.figures.canvas import (
     COLOURS,
     REFERENCE_DASHES,
-    WIDE,
     Drawing,
-    label_between,
     legend,
     log_scale,
     panels,
-    unique_labels,
+    shortened,
 )
 from percept.report.select import (
     METHOD_NAMES,
     METHODS,
-    choice_said,
-    chosen,
     distinct,
-    each_by_itself,
-    families_of,
+    families_from,
+    family_of,
     first,
     is_rendered,
     matching,
-    words_of,
+    present,
+    unwidened,
 )
 from percept.results import Boundary, Results
-
-__all__ = ["Limits", "curve_drawings", "draw_magnitude", "draw_stability", "like_limits"]
 
 FloatArray = NDArray[np.float64]
 
@@ -46,20 +43,18 @@ _COUPLED_DASHES = (0, (2.5, 1.5))
 # Long and short dashes as in the paper's Fig. 4; more couplings go on with other patterns.
 _COUPLING_COLOURS = ("classical", "bayesian", "coupled", "warn")
 _COUPLING_DASHES = ((0, (9, 3)), (0, (3, 2)), (0, (6, 2, 1, 2)), (0, (1, 1.5)))
+#: The next user's boundary is what the paper's rule asks about.
 _WHOM = {
-    "mean": "the average {0.user}",
     "user": "the next {0.user}",
+    "mean": "the average {0.user}",
     "share": "a share of all {0.users}",
 }
-#: The next user's boundary is what the paper's rule asks about.
-_SHOWN_FIRST = ("user", "mean", "share")
 #: Shapes that both methods have, the exact one first.
 _SHAPES = ("envelope", "pointwise")
-_MOST_COLUMNS = 5  # panels side by side
-_FEWEST_COLUMNS = 3
-_PANEL_HEIGHT = 44.0  # mm, with its labels
-_LEGEND_HEIGHT = 8.0  # mm
-_TITLES = 130  # letters of all titles of a row
+_COLUMNS = 3  # panels side by side
+_PANEL_HEIGHT = 42.0  # mm, with its labels
+_LEGEND_HEIGHT = 12.0  # mm
+_TITLE = 18  # letters
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +137,7 @@ def draw_magnitude(
         log_scale(ax, "x", plain=True)
         log_scale(ax, "y")
     else:
-        ax.locator_params(nbins=4)
+        ax.locator_params(nbins=3)
 
 
 def _draw_ratio(ax: Axes, shown: Boundary, limits: Sequence[Limits]) -> None:
@@ -152,7 +147,6 @@ def _draw_ratio(ax: Axes, shown: Boundary, limits: Sequence[Limits]) -> None:
     ratios = [pair.over_reference for pair in limits]
     draw_magnitude(ax, shown.omega, ratios, np.ones_like(reference), coupled)
     log_scale(ax, "y", plain=True)
-    label_between(ax, "y")
     ax.set_ylabel("|Zₕ| / reference’s |Zₕ|")
 
 
@@ -216,22 +210,23 @@ def _at(frequency: float, omega: FloatArray, values: FloatArray) -> float:
 
 def curve_drawings(results: Results) -> list[Drawing]:
     """Return boundaries over the reference with the verdicts, and the scene's close views."""
-    main = [boundary for boundary in results.boundaries if each_by_itself(boundary)]
+    shown = foremost(results)
+    main = [record for record in unwidened(results.boundaries) if record.environment in shown]
     if not main:
         return []
-    names = distinct(main, "environment")
-    present = {boundary.kind for boundary in main}
-    kind = next(kind for kind in _SHOWN_FIRST if kind in present)
-    whom = _WHOM[kind].format(words_of(results))
+    kind = present(_WHOM, main, "kind")[0]
+    whom = _WHOM[kind].format(results.data.words)
+    said = "Bands: Bayesian; lines: classical. Dashed: the reference"
+    if main[0].coupled is not None:
+        said += "; dotted: the reference through the coupling"
     close = matching(results.close, kind=kind)
-    said = f"Bands: Bayesian; lines: classical. Dashed: the reference{_dotted(main)}."
     drawings = [
         Drawing(
             name="ratios",
             title=f"What {whom} takes for the reference, over the reference’s |Z_h|",
-            description=said + choice_said(names, words_of(results).environments),
-            size=_size(chosen(names)),
-            draw=lambda figure: _draw(figure, results, main, kind, is_close=False),
+            description=f"{said}. {drawn_said(results)}".rstrip(),
+            height=_height(distinct(main, "environment")),
+            draw=partial(_draw, results=results, boundaries=main, kind=kind),
         )
     ]
     if close:
@@ -239,49 +234,37 @@ def curve_drawings(results: Results) -> list[Drawing]:
             Drawing(
                 name="boundaries_close",
                 title=f"Boundaries of |Z_h| for {whom}, close views",
-                description=said,
-                size=_size(chosen(distinct(close, "environment"))),
-                draw=lambda figure: _draw(figure, results, close, kind, is_close=True),
+                description=f"{said}.",
+                height=_height(distinct(close, "environment")),
+                draw=partial(_draw, results=results, boundaries=close, kind=kind),
             )
         )
     return drawings
 
 
-def _dotted(boundaries: Sequence[Boundary]) -> str:
-    if all(boundary.coupled is None for boundary in boundaries):
-        return ""
-    return "; dotted: the reference through the coupling"
+def _height(names: Sequence[str]) -> float:
+    rows = -(-len(names) // _COLUMNS)
+    return _LEGEND_HEIGHT + _PANEL_HEIGHT * rows
 
 
-def _columns(names: Sequence[str]) -> int:
-    return min(max(len(names), _FEWEST_COLUMNS), _MOST_COLUMNS)
-
-
-def _size(names: Sequence[str]) -> tuple[float, float]:
-    rows = -(-len(names) // _columns(names))
-    return WIDE, _LEGEND_HEIGHT + _PANEL_HEIGHT * rows
-
-
-def _draw(
-    figure: Figure, results: Results, boundaries: Sequence[Boundary], kind: str, *, is_close: bool
-) -> None:
-    """Draw a panel per environment, each on axes of its own."""
-    names = chosen(distinct(boundaries, "environment"))
-    columns = _columns(names)
-    axes = panels(figure, len(names), columns=columns)
-    titles = unique_labels(names, _TITLES // columns)
+def _draw(figure: Figure, results: Results, boundaries: Sequence[Boundary], kind: str) -> None:
+    """Draw a panel per environment, each on axes of its own; close views as they are."""
+    names = distinct(boundaries, "environment")
+    axes = panels(figure, len(names), columns=min(len(names), _COLUMNS))
+    titles = shortened(names, _TITLE)
+    families = families_from(family_of(results))
     for index, (ax, name) in enumerate(zip(axes, names, strict=True)):
         own = matching(boundaries, environment=name)
-        limits = like_limits(own, kind, families_of(results))
-        if is_close:
+        limits = like_limits(own, kind, families)
+        if own[0] in results.close:
             draw_magnitude(ax, own[0].omega, limits, own[0].reference, own[0].coupled, log=False)
             ax.set_title(titles[index])
         else:
             _draw_ratio(ax, own[0], limits)
-            ax.set_title(f"{titles[index]}\n{_verdict(results, name)}".strip())
-        if index % columns:
+            ax.set_title(f"{titles[index]}\n{_verdict(results, name)}".strip(), fontsize="medium")
+        if index % _COLUMNS:
             ax.set_ylabel("")
-    legend(axes)
+    legend(axes, ncols=2)
 
 
 def _verdict(results: Results, name: str) -> str:
@@ -290,9 +273,7 @@ def _verdict(results: Results, name: str) -> str:
     verdict = first(matching(results.verdicts, environment=name, coupled=coupled))
     if not is_rendered(results, name, coupled=coupled):
         return "cannot be rendered"
-    if verdict is None:
-        return ""
-    return f"{FEELINGS[verdict.outcome]} ({probability_said(verdict.probability)})"
+    return FEELINGS[verdict.outcome] if verdict else ""
 
 
 def like_limits(boundaries: Sequence[Boundary], kind: str, families: Sequence[str]) -> list[Limits]:

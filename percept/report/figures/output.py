@@ -13,10 +13,8 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from percept.report.figures.canvas import COLOURS, MM, Drawing
+from percept.report.figures.canvas import COLOURS, MM, WIDTH, Drawing
 from percept.report.sections import Plot
-
-__all__ = ["STYLE", "draw_all", "drawn"]
 
 _DPI = 300  # of a PNG
 _POINTS = 72.0  # of an SVG, per inch
@@ -69,10 +67,6 @@ _NO_METADATA: dict[str, dict[str, str | None]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
 }
-# rem per mm: at the most a figure's lettering is as large as the page's small print, at the least
-# readable.
-_LEAST_WIDTH = 0.2
-_MOST_WIDTH = 0.3
 _HEAD = re.compile(r"<svg[^>]*>")
 # matplotlib's rule for every element would hold for the whole page; the outer element hands it down
 # instead.
@@ -98,7 +92,7 @@ def draw_all(
         for form, content in files.items():
             folder.mkdir(exist_ok=True)
             (folder / f"{one.name}.{form}").write_bytes(content)
-        plots[one.name] = Plot(one.title, one.description, one.size, svg, tuple(files))
+        plots[one.name] = Plot(one.title, one.description, svg, tuple(files))
     return plots
 
 
@@ -111,7 +105,7 @@ def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], s
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         # Names as long as a figure leave no room for axes: they lie over each other.
         warnings.filterwarnings("ignore", "constrained_layout not applied", UserWarning)
-        figure = Figure(figsize=(drawing.size[0] * MM, drawing.size[1] * MM), layout="constrained")
+        figure = Figure(figsize=(WIDTH * MM, drawing.height * MM), layout="constrained")
         drawing.draw(figure)
         text = _CONTROL.sub("\ufffd", _saved(figure, "svg", dpi=72).decode("utf-8"))
         files = {
@@ -160,14 +154,12 @@ def _inline(drawing: Drawing, text: str) -> str:
     def attribute(name: str) -> str:
         return f' id="{name}"' if name in used else ""
 
-    side, high = drawing.size
-    width = side * MM * _POINTS
-    height = high * MM * _POINTS
+    width = WIDTH * MM * _POINTS
+    height = drawing.height * MM * _POINTS
     label = f"svg-{drawing.name}"
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
-        f'style="min-width:{side * _LEAST_WIDTH:.4g}rem;max-width:{side * _MOST_WIDTH:.4g}rem" '
         f'role="img" aria-labelledby="{label}-title {label}-desc">'
         f'<title id="{label}-title">{_escaped(drawing.title)}</title>'
         f'<desc id="{label}-desc">{_escaped(drawing.description)}</desc>\n'

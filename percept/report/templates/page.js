@@ -70,12 +70,12 @@
   function copying() {
     if (!navigator.clipboard) return;
     for (const text of all("blockquote.paste")) {
-      const button = element("button", { type: "button", class: "tool" }, "Copy the paragraph");
+      const button = element("button", { type: "button", class: "tool" }, "Copy");
       button.addEventListener("click", async () => {
         await navigator.clipboard.writeText(text.innerText.trim());
         button.textContent = "Copied";
       });
-      text.after(button);
+      text.closest("section").querySelector("h3").append(" ", button);
     }
   }
 
@@ -127,7 +127,6 @@
     form.addEventListener("change", () => draw());
     const plots = data.map((one) => plot(one));
     place.append(
-      element("h3", {}, "All environments over one window"),
       element("p", {}, "Drag across a plot to zoom all of them, double-click for the whole range; with the keyboard, "
         + "arrows move the reading line, plus and minus zoom, Escape goes back."),
       form, element("p", { class: "legend" },
@@ -155,7 +154,7 @@
     }
 
     function plot(one) {
-      const W = 340, H = 230, L = 50, R = 8, T = 8, B = 30;
+      const W = 300, H = 230, L = 50, R = 14, T = 8, B = 36;
       const svg = vector("svg", { viewBox: `0 0 ${W} ${H}`, tabindex: 0, role: "img",
         "aria-label": `${one.name}: boundary over ω; values below` });
       const output = element("output", { class: "reading" });

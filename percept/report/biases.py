@@ -1,0 +1,339 @@
+"""How far users are off the references, and where the next user lies: numbers and sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from percept.errors import capitalised
+from percept.inference.record import percent
+from percept.report.numbers import digits_of, short, written
+from percept.report.select import (
+    KINDS,
+    METHOD_NAMES,
+    METHODS,
+    MOST_NAMED,
+    MOST_SHOWN,
+    distinct,
+    families_from,
+    family_of,
+    first,
+    is_relative,
+    listed,
+    matching,
+    present,
+    unwidened,
+)
+from percept.results import IntervalRow, LadderEffect, Results
+from percept.sessions.quantities import Quantity
+
+#: An interval from below a hundredth to above a hundred references says nothing.
+_NOTHING = 100.0
+#: Steps of the ladder that set the methods apart. Both are compared on one scale.
+_CAUSES = {
+    "prior": "the prior",
+    "trials": "trial noise, which the model tells from differences between people",
+    "pooling": "what the model learns from the other {}",
+    "own_trials": "the trial SD that each person has",
+    "correlation": "what the model learns from the other quantity",
+}
+#: Shift over the classical half-width, or log ratio of widths: twice the most error of a step.
+_LEAST_MOVED = 0.1
+
+
+@dataclass(frozen=True)
+class Bias:
+    """An interval against its reference: as fractions of it, or less it in the unit."""
+
+    row: IntervalRow
+    relative: bool
+    is_matched: bool
+
+    @property
+    def environment(self) -> str:
+        """Where it is."""
+        return self.row.environment
+
+    @property
+    def parameter(self) -> str:
+        """The quantity."""
+        return self.row.parameter
+
+    @property
+    def estimate(self) -> float:
+        """How far the average user is off."""
+        return self._off(self.row.estimate)
+
+    @property
+    def lower(self) -> float:
+        """The lower limit of that."""
+        return self._off(self.row.lower)
+
+    @property
+    def upper(self) -> float:
+        """The upper limit of that."""
+        return self._off(self.row.upper)
+
+    def _off(self, setting: float) -> float:
+        reference = self.row.reference or 0.0
+        return setting / reference - 1.0 if self.relative else setting - reference
+
+    @property
+    def sign(self) -> int:
+        """The sign of the bias, 0 where its interval holds zero."""
+        return int(self.lower > 0) - int(self.upper < 0)
+
+    @property
+    def says_nothing(self) -> bool:
+        """Whether the interval is so wide that its numbers are of no use."""
+        is_wide = self.lower + 1.0 < 1.0 / _NOTHING and self.upper + 1.0 > _NOTHING
+        return self.relative and is_wide
+
+    @property
+    def style(self) -> str:
+        """How its numbers are written; without a reference they are means."""
+        return "bias" if self.relative else "difference" if self.is_matched else "plain"
+
+    @property
+    def limits(self) -> str:
+        """Both limits in words, with their unit."""
+        lower = self._text(self.lower)
+        upper = self._text(self.upper)
+        for unit in (" %", f" {self.row.unit}"):
+            if upper.endswith(unit):
+                lower = lower.removesuffix(unit)
+        return f"{lower} to {upper}"
+
+    @property
+    def said(self) -> str:
+        """Estimate and limits in words, with their unit."""
+        return f"{self.estimate_said}, {self.limits}"
+
+    @property
+    def estimate_said(self) -> str:
+        """The estimate in words, with its unit."""
+        return self._text(self.estimate)
+
+    def _text(self, number: float) -> str:
+        text = written(number, digits_of(self.estimate, self.lower, self.upper), self.style)
+        unit = "" if self.relative else f" {self.row.unit}".rstrip()
+        return text.replace("\u202f", " ") + unit
+
+
+def biases_of(
+    results: Results, kind: str = "", *, method: str = "", family: str = ""
+) -> list[Bias]:
+    """Return a bias for each environment and quantity, by default of the average user.
+
+    Each is by the better method and in the preferred family that it has.
+    """
+    rows = unwidened(results.intervals)
+    kind = kind or next(iter(present(KINDS, rows, "kind")), "")
+    methods = [method] if method else METHODS[::-1]
+    families = families_from(family or family_of(results))
+    of_kind = matching(rows, kind=kind)
+    return biases_among(of_kind, results.data.quantities, methods, families)
+
+
+def biases_among(
+    rows: Sequence[IntervalRow],
+    quantities: Mapping[str, Quantity],
+    methods: Sequence[str],
+    families: Sequence[str],
+) -> list[Bias]:
+    """Return a bias for each environment and quantity that has one, in the first family."""
+    biases = []
+    for name in distinct(rows, "environment"):
+        for parameter, quantity in quantities.items():
+            of_cell = matching(rows, environment=name, parameter=parameter)
+            row = first(of_cell, method=methods, family=families)
+            if row is not None and row.reference is not None:
+                biases.append(Bias(row, is_relative(rows, parameter), quantity.is_matched))
+    return biases
+
+
+def foremost(results: Results) -> list[str]:
+    """Return the environments that stand open: of many those with the clearest bias."""
+    clarities: dict[str, float] = {}
+    for bias in biases_of(results):
+        clarity = abs(bias.estimate) / (bias.upper - bias.lower or 1.0)
+        name = bias.environment
+        clarities[name] = max(clarity, clarities.get(name, 0.0))
+    clearest = sorted(clarities, key=lambda name: -clarities[name])[:MOST_SHOWN]
+    return [name for name in clarities if name in clearest]
+
+
+def drawn_said(results: Results) -> str:
+    """Say that figures leave environments out; nothing where they have them all."""
+    shown = len(foremost(results))
+    every = len(distinct(results.intervals, "environment"))
+    if shown == every:
+        return ""
+    return (
+        f"{shown} of {every} {results.data.words.environments} are drawn, those with the clearest"
+        " bias. The tables hold all."
+    )
+
+
+def bias_sentences(results: Results) -> list[str]:
+    """Say for every quantity how far users set it off, and where the methods disagree."""
+    every = biases_of(results)
+    sentences = []
+    for parameter, quantity in results.data.quantities.items():
+        biases = matching(every, parameter=parameter)
+        if not biases:
+            continue
+        row = biases[0].row
+        claim = f"({METHOD_NAMES[row.method]}, {percent(row.level)})"
+        if not quantity.is_matched:
+            did = f"{results.data.words.users} {results.data.words.verb}"
+            means = f"a mean {quantity.label} of {_means(biases)}"
+            sentences.append(f"{capitalised(did)} {means} {claim}.")
+            continue
+        said = _off(biases, quantity.label, results)
+        others = biases_of(results, method="classical", family=row.family)
+        classical = matching(others, parameter=parameter)
+        disagreeing = _disagreements(biases, classical, results)
+        sentences.append(" ".join([f"{capitalised(said)} {claim}.", *disagreeing]))
+    return sentences
+
+
+def _off(biases: Sequence[Bias], label: str, results: Results) -> str:
+    """Say to which side of the references users set a quantity, and where."""
+    words = results.data.words
+    if all(bias.says_nothing for bias in biases):
+        return f"{label}: these {words.subjects} are too few to say anything"
+    sides = ("too high", "too low")
+    if not any(bias.row.reference for bias in biases):
+        sides = ("above zero", "below zero")
+    parts = []
+    for sign, side in zip((1, -1), sides, strict=True):
+        same = matching(biases, sign=sign)
+        if same:
+            parts.append(f"{side} in {_placed(same, len(biases), results)}")
+    did = f"{words.users} {words.verb} {label}"
+    if parts:
+        return f"{did} {' and '.join(parts)}"
+    if len(biases) == 1:
+        return f"{did} with no clear bias in {_named(biases[0])}"
+    told = matching(biases, says_nothing=False)
+    largest = max(told, key=lambda bias: abs(bias.estimate))
+    return (
+        f"{did} with no clear bias in any of {len(biases)} {words.environments}; the largest is"
+        f" that of {_named(largest)}"
+    )
+
+
+def _means(biases: Sequence[Bias]) -> str:
+    """Give each environment's mean with its interval; of many, the smallest and the largest."""
+    by_size = sorted(biases, key=lambda bias: bias.estimate)
+    shown = biases if len(biases) <= MOST_NAMED else (by_size[0], by_size[-1])
+    means = [f"{one.estimate_said} ({one.limits}) in {one.environment}" for one in shown]
+    return listed(means) if len(biases) <= MOST_NAMED else " to ".join(means)
+
+
+def _named(bias: Bias) -> str:
+    return f"{bias.environment} ({bias.said})"
+
+
+def _placed(biases: Sequence[Bias], every: int, results: Results) -> str:
+    """Give each environment with its bias; of many, the smallest and the largest."""
+    if len(biases) <= MOST_NAMED:
+        return listed([_named(bias) for bias in biases])
+    count = f"all {every}" if len(biases) == every else f"{len(biases)} of {every}"
+    by_size = sorted(biases, key=lambda bias: abs(bias.estimate))
+    return (
+        f"{count} {results.data.words.environments}, from {_named(by_size[0])} to"
+        f" {_named(by_size[-1])}"
+    )
+
+
+def _disagreements(
+    biases: Sequence[Bias], classical: Sequence[Bias], results: Results
+) -> list[str]:
+    """Say where the classical interval sees another sign, or lies apart, and why."""
+    by_name = {bias.environment: bias for bias in classical}
+    groups: dict[str, list[Bias]] = {}
+    for bias in biases:
+        other = by_name.get(bias.environment)
+        if other is None or bias.row.method == "classical" or other.says_nothing:
+            continue
+        if other.lower > bias.upper or other.upper < bias.lower:
+            groups.setdefault("lies apart", []).append(other)
+        elif other.sign != bias.sign:
+            holds = "excludes zero" if other.sign else "holds zero"
+            groups.setdefault(holds, []).append(other)
+    sentences = []
+    names = []
+    for holds, others in groups.items():
+        named = [f"{other.environment} ({other.limits})" for other in others]
+        sentences.append(f"The classical interval {holds} in {listed(named, MOST_NAMED)}.")
+        names += [other.environment for other in others]
+    effects = matching(results.ladder.effects if results.ladder else (), kind="mean")
+    own = matching(effects, parameter=biases[0].parameter)
+    return sentences + cause_sentences(own, names, results.data.words.environments)
+
+
+def cause_sentences(
+    effects: Sequence[LadderEffect], names: Sequence[str], environments: str
+) -> list[str]:
+    """Name the step of the ladder that moves the intervals of each environment most."""
+    by_cause: dict[str, list[str]] = {}
+    for name in names:
+        steps: dict[str, float] = {}
+        for row in matching(effects, environment=name):
+            if row.cause in _CAUSES:
+                moved = max(abs(row.log_width), abs(row.centre))
+                steps[row.cause] = max(moved, steps.get(row.cause, 0.0))
+        cause = max(steps, key=steps.__getitem__, default="")
+        if cause and steps[cause] > _LEAST_MOVED:
+            by_cause.setdefault(_CAUSES[cause].format(environments), []).append(name)
+    return [f"The main cause in {listed(own)} is {cause}." for cause, own in by_cause.items()]
+
+
+def user_sentences(results: Results) -> list[str]:
+    """Say where the next user's settings lie."""
+    words = results.data.words
+    sentences = []
+    every = biases_of(results, "user")
+    for parameter, quantity in results.data.quantities.items():
+        biases = matching(every, parameter=parameter)
+        if not biases:
+            continue
+        row = biases[0].row
+        sure = "confidence" if row.method == "classical" else "probability"
+        what = f"the next {words.user}’s {quantity.label}"
+        told = matching(biases, says_nothing=False)
+        unknown = distinct(matching(biases, says_nothing=True), "environment")
+        sentence = []
+        if told:
+            ends = " and ".join(_extremes(told))
+            sentence.append(f"With {percent(row.level)} {sure}, {what} will be {ends}.")
+        if unknown:
+            where = listed(unknown, MOST_SHOWN)
+            sentence.append(f"These data do not determine {what} in {where}.")
+        sentences.append(" ".join(sentence))
+    return sentences
+
+
+def _extremes(biases: Sequence[Bias]) -> list[str]:
+    """Write the narrowest and the widest range."""
+    by_width = sorted(biases, key=lambda bias: bias.upper - bias.lower)
+    if len(biases) == 1:
+        return [f"{_range(biases[0])} in {biases[0].environment}"]
+    narrowest = by_width[0]
+    widest = by_width[-1]
+    return [
+        f"{_range(narrowest)} ({narrowest.environment}, the narrowest)",
+        f"{_range(widest)} ({widest.environment}, the widest)",
+    ]
+
+
+def _range(bias: Bias) -> str:
+    """Write where the next user's settings lie, against the reference."""
+    if bias.relative:
+        ends = [bias.lower + 1.0, bias.upper + 1.0]
+        text = " to ".join(short(end, digits_of(end, *ends)) for end in ends)
+        return f"{text} times the reference"
+    # From a reference of zero a difference is the value.
+    return f"{bias.limits} off the reference" if bias.row.reference else bias.limits
