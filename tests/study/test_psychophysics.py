@@ -118,6 +118,14 @@ def test_few_subjects_have_finite_ordered_limits(subjects):
     assert "jnd" not in set(found["measure"])
 
 
+@pytest.mark.parametrize(("subjects", "has"), [(2, False), (3, True)])
+def test_two_subjects_tell_no_correlation(subjects, has):
+    """Two pairs always lie on a line."""
+    table = table_of(("k", "b"), subjects=subjects)
+    found = study_of(table, method="classical").psychophysics
+    assert ("correlation" in set(found["measure"])) == has
+
+
 def test_posterior_rows_follow_from_the_draws_and_the_intervals(fitted):
     found = fitted.psychophysics
     bayesian = found[found["method"] == "bayesian"]

@@ -158,6 +158,9 @@ def _correlations(data: Data) -> Iterator[PsychophysicsRow]:
     for j, environment in enumerate(trials.environments):
         pairs = trials.statistics.cell_means[:, :, j]
         pairs = pairs[np.isfinite(pairs).all(axis=1)]
+        # Two pairs lie on a line, whatever they are.
+        if len(pairs) < 3:
+            continue
         try:
             bounded = correlation(pairs, level=data.asked.level)
         except RefusalError:
