@@ -26,6 +26,7 @@ from percept.boundary.feels_real import (
 from percept.boundary.shares import Users
 from percept.haptics import Coupling, Device, Environment, TabulatedDevice, can_render
 from percept.haptics.loop import log_grid
+from percept.haptics.perceived import Display
 from percept.results import (
     AdmissibleCouplings,
     ChangedVerdict,
@@ -40,8 +41,8 @@ from percept.study.device import Setup
 from percept.study.rendering import StableCouplings
 from percept.study.verdicts import MapUsers, frequencies, relative_sd
 
-#: Draws of the users behind a map of couplings, and where these decide nothing: 0.95 is known to
-#: 0.014 and 0.007 by them.
+#: Draws of the users behind a map of couplings or another device, and where these decide nothing:
+#: 0.95 is known to 0.014 and 0.007 by them.
 _DRAWS = (256, 1024)
 #: Draws that confirm an end: on a line of equal probability no number of draws is ever clear of it.
 _END_DRAWS = 2048
@@ -71,9 +72,6 @@ _ABOUT_RESONANCE = 25
 _COMMON = (0.05, 0.95)
 #: Resonances are looked for down to this fraction of the reference's stiffness.
 _SOFTEST_RESONANCE = 0.01
-#: Draws of the users behind a verdict on another device: it is known to 0.02 by them, and
-#: differences better.
-_DEVICE_DRAWS = 512
 #: Factors of the scene's mass or damping, which are seldom known better.
 _FACTORS = (0.5, 1.5)
 
@@ -347,18 +345,16 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
     devices = [device]
     devices += [dataclasses.replace(device, mass=factor * device.mass) for factor in _FACTORS]
     devices += [dataclasses.replace(device, damping=factor * device.damping) for factor in _FACTORS]
-    central = scene.verdict.central
     verdicts = []
     for environment, population in whose.draws.items():
-        some = population.select(slice(0, _DEVICE_DRAWS))
         for coupled in (False, True) if setup.coupling is not None else (False,):
             probabilities = []
             rendered = []
             for other in devices:
                 varied = setup.with_device(other)
                 display = varied.display(environment, coupled=coupled)
-                omega = _frequencies(varied, environment, some, scene)
-                probabilities.append(rough_probability(display, some, omega, central=central))
+                omega = _frequencies(varied, environment, population, scene)
+                probabilities.append(_probability(display, population, omega, scene))
                 found = can_render(varied.loop, display.environment, coupling=display.coupling)
                 rendered.append(found.verdict == "can")
             verdict = ChangedVerdict(
@@ -375,5 +371,20 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
         coupled=setup.coupling is not None,
         verdicts=tuple(verdicts),
         method=whose.method,
-        draws=min(_DEVICE_DRAWS, *(population.size for population in whose.draws.values())),
+        draws=min(_DRAWS[0], *(population.size for population in whose.draws.values())),
     )
+
+
+def _probability(display: Display, users: Users, omega: Array, scene: Scene) -> float:
+    """Return the share of draws under which a display feels real, of more where few decide nothing.
+
+    Few are clear of `decision` and of one minus it by two errors.
+    """
+    decision = scene.inference.decision
+    for draws in _DRAWS:
+        some = users.select(slice(0, draws))
+        probability = rough_probability(display, some, omega, central=scene.verdict.central)
+        from_thresholds = min(abs(probability - decision), abs(probability - (1.0 - decision)))
+        if from_thresholds > _ERRORS * share_error(probability, some.size):
+            break
+    return probability
