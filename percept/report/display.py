@@ -302,11 +302,10 @@ def _other_devices(results: Results) -> Table:
         columns[f"{short(changed[index], 4)} {unit}"] = _with_device(index)
     caption = (
         "Half and 1.5 times the device’s mass and damping: probability of lying among users"
-        f" ({METHOD_NAMES[others.method]}, {others.draws} draws or more). †: cannot be rendered with"
-        " every hand; what none of them renders is left out."
+        f" ({METHOD_NAMES[others.method]}, {others.draws} draws or more). †: cannot be rendered"
+        " with every hand; what none of them renders is left out."
     )
-    rows = [row for row in others.verdicts if any(row.rendered)]
-    return table_of(caption, rows, columns, name="device")
+    return table_of(caption, others.verdicts, columns, name="device")
 
 
 def _with_device(index: int) -> Callable[[ChangedVerdict], Cell]:

@@ -266,6 +266,6 @@ class OtherDevices(NotebookRecord):
     mass: tuple[float, ...]  # kg
     damping: tuple[float, ...]  # N·s/m
     coupled: bool  # Whether the scene has a coupling
-    verdicts: tuple[ChangedVerdict, ...]
+    verdicts: tuple[ChangedVerdict, ...]  # Of what one of these devices renders
     method: Method  # Whose draws of the users these are
     draws: int

@@ -335,7 +335,7 @@ def no_other_devices(setup: Setup, whose: MapUsers) -> Skipped | None:
 
 
 def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices | None:
-    """Judge every environment again with other mass and damping of the device.
+    """Judge again with other mass and damping of the device what one of these devices renders.
 
     None where `no_other_devices` says why.
     """
@@ -348,15 +348,19 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
     verdicts = []
     for environment, population in whose.draws.items():
         for coupled in (False, True) if setup.coupling is not None else (False,):
-            probabilities = []
+            displays = []
             rendered = []
             for other in devices:
                 varied = setup.with_device(other)
                 display = varied.display(environment, coupled=coupled)
-                omega = _frequencies(varied, environment, population, scene)
-                probabilities.append(_probability(display, population, omega, scene))
                 found = can_render(varied.loop, display.environment, coupling=display.coupling)
+                displays.append((display, _frequencies(varied, environment, population, scene)))
                 rendered.append(found.verdict == "can")
+            if not any(rendered):
+                continue
+            probabilities = [
+                _probability(display, population, omega, scene) for display, omega in displays
+            ]
             verdict = ChangedVerdict(
                 environment=environment,
                 coupled=coupled,
