@@ -385,11 +385,17 @@ def _r(entry: Input, limits: FileLimits) -> _Table:
 
     constructors = dict(rdata.parser.DEFAULT_ALTREP_MAP)
 
+    sequences = 0
+
     def bounded(construct: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """Hold a sequence, which R writes as its length alone, before it is made."""
+        """Hold sequences, which R writes as their lengths alone, before they are made."""
 
         def within_limits(state: Any) -> Any:
-            limits.hold_table(int(state.value[0]), 1, entry.name)
+            nonlocal sequences
+            length = int(state.value[0])
+            sequences += length
+            limits.hold_table(length, 1, entry.name)
+            limits.hold_table(1, sequences, entry.name)
             return construct(state)
 
         return within_limits
