@@ -82,15 +82,6 @@ def test_many_sizes_are_a_range():
     assert "an expected 37.6 % to 64.7 %" in covers
 
 
-def test_the_sentence_is_one_sentence():
-    for interval in (
-        t_interval(X),
-        tolerance_interval(X, joint="bonferroni"),
-        prediction_interval(X),
-    ):
-        assert interval.covers.count(".") - interval.covers.count("64.7") == 1
-
-
 @pytest.mark.parametrize(
     ("probability", "text"),
     [

@@ -68,7 +68,13 @@ def test_limits_hold_what_is_planted(slopes, covariate):
     sd = {"order": np.sqrt(35.0 / 12.0), "start": 0.7, "idle": 1.0}[covariate]
     half_width = 1.96 * 0.08 / (sd * np.sqrt(96))
     ratio = 0.5 * (rows["upper"] - rows["lower"]) / half_width
-    assert ratio.between(0.7, 2.0).all()
+    error = 1e-3 / len(rows)
+    # Eight subjects' own slopes alone have chi-square of seven degrees of freedom about their mean.
+    # Under a flat prior of their SD the limits are those of t with six.
+    widest = stats.t.ppf(0.975, 6) / 1.96 * np.sqrt(stats.chi2.isf(error, 7) / 6)
+    # Least squares: the trial SD has 77 degrees of freedom, a normal covariate 88.
+    narrowest = np.sqrt(stats.chi2.ppf(error, 77) / 77 * 96 / stats.chi2.isf(error, 88))
+    assert ratio.between(narrowest, widest).all()
 
 
 def test_a_covariate_of_one_environment_has_the_slope_of_least_squares():

@@ -134,43 +134,6 @@ def test_new_studies_scatter_as_the_model_says(name):
         assert np.isnan(np.delete(drawn[0, i], cells, axis=1)).all()
 
 
-def test_the_farthest_of_new_subjects_is_that_of_a_normal_sample():
-    study, subjects = opened("plain")
-    draws = 20_000
-    rng = np.random.default_rng(3)
-    points = np.repeat(study.points(1), draws, axis=0)
-    drawn = statistics_of(np.concatenate([*new_studies(subjects, points, rng)]))
-    plain = rng.normal(size=(draws, subjects.subjects))
-    off = np.abs(plain - plain.mean(axis=1, keepdims=True)).max(axis=1) / plain.std(axis=1, ddof=1)
-    assert stats.ks_2samp(off, drawn[:, 2, 0, 0]).pvalue > 1e-4
-
-
-@pytest.mark.parametrize("name", ["two by two, spread", "subjects' trial SDs"])
-def test_draws_before_any_data_have_the_priors(name):
-    density = made(name).model
-    count = 4000
-    named, means, _ = draw_prior(density, count, np.random.default_rng(5))
-    _, s = named["s"]
-    scores = (np.log(s) - density.priors.log_s_mean) / density.priors.log_s_sd
-    assert stats.kstest(scores.ravel(), "norm").pvalue > 1e-3
-    _, psi = named["psi:hand"]
-    assert stats.kstest(psi.ravel() / density.priors.psi_sd, "norm").pvalue > 1e-3
-    if "omega_s" in named:
-        # A subject's trial SD over the others' has a normal logarithm of SD omega_s.
-        phi = named["phi"][1] / named["omega_s"][1][..., None]
-        assert stats.kstest(phi[:, 0, 0], "norm").pvalue > 1e-3
-    # Locations: the variance of the columns, given each draw's tau.
-    design = density.design
-    fixed = sum((term.columns**2).sum(axis=0) for term in design.fixed)
-    own = np.zeros((count, *fixed.shape))
-    for term in design.deviation:
-        tau = named["tau" if term.name == "level" else f"tau:{term.name}"][1]
-        own += tau[..., None] ** 2 * (term.columns**2).sum(axis=0)
-    scores = means.reshape(own.shape) / np.sqrt(fixed + own)
-    assert stats.kstest(scores[:, 0, 0], "norm").pvalue > 1e-3
-    assert stats.kstest(scores[:, -1, -1], "norm").pvalue > 1e-3
-
-
 def test_an_outlier_that_was_planted_is_the_farthest_subject():
     rng = np.random.default_rng(4)
     study = made("plain", subjects=8)

@@ -128,14 +128,3 @@ def test_one_subject_alone_with_next_to_no_scatter_is_refused():
     assert np.isnan(found.standard[:, 0]).all()
     with pytest.raises(RefusalError, match="S01 cannot be predicted from the others"):
         leave_one_out(subjects, points, chains=4)
-
-
-def test_batches_cover_every_draw_once_and_shrink_with_the_study():
-    _, subjects = opened("plain")
-    points = np.zeros((100_000, len(subjects.density.names)))
-    cuts = [cut for cut, _ in subjects.batches(points)]
-    assert np.array_equal(
-        np.concatenate([np.arange(cut.start, cut.stop) for cut in cuts]), np.arange(100_000)
-    )
-    cells = subjects.parameters * subjects.environments
-    assert max(cut.stop - cut.start for cut in cuts) * subjects.subjects * cells <= 1 << 20

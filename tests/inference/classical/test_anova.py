@@ -147,18 +147,6 @@ def test_epsilon_is_that_of_the_covariance_of_the_conditions(subjects, levels):
     assert effect.p_corrected == pytest.approx(expected, rel=1e-10)
 
 
-def test_two_groups_are_a_t_test_of_subjects_means_and_of_their_differences():
-    values = np.random.default_rng(2).normal(size=(9, 2))
-    group = np.repeat([0, 1], [5, 4])
-    groups, _, interaction = anova(values, ["hand"], group=group, between="sex")
-    means = values.mean(axis=1)
-    differences = values[:, 1] - values[:, 0]
-    for effect, of_subjects in ((groups, means), (interaction, differences)):
-        test = stats.ttest_ind(of_subjects[group == 0], of_subjects[group == 1])
-        assert effect.f == pytest.approx(test.statistic**2, rel=1e-12)
-        assert effect.p_value == pytest.approx(test.pvalue, rel=1e-10)
-
-
 def test_an_offset_and_a_factor_change_nothing_and_the_input_stays():
     values = np.random.default_rng(5).normal(size=(6, 4))
     before = values.copy()

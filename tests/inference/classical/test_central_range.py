@@ -63,14 +63,6 @@ def test_errors_at_the_edge_and_beyond(n):
     assert np.mean(inside <= 1.0 - DECISION) <= 1.0 - DECISION + 4.0 * error
 
 
-def test_a_rule_that_takes_the_estimates_as_known_is_caught():
-    rng = np.random.default_rng(4)
-    values = rng.standard_normal((STUDIES, 4))
-    sd = values.std(axis=1, ddof=1)
-    called_inside = np.abs(HALF_WIDTH - values.mean(axis=1)) <= HALF_WIDTH * sd
-    assert np.mean(called_inside) > 2.0 * (1.0 - DECISION)
-
-
 def test_broadcasts_and_refuses():
     users = Moments(mean=np.zeros(3), sd=np.ones(3), n=np.array([5, 10, 20]))
     assert np.all(np.diff(central_range_confidence(1.5, users)) > 0.0)

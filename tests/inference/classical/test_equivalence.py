@@ -89,11 +89,6 @@ def test_with_one_limit_power_is_a_noncentral_t():
     assert tost_power(math.inf, math.inf, 3, size=0.05) == pytest.approx(1.0, rel=1e-12)
 
 
-def test_at_size_one_half_power_is_that_of_a_normal_mean():
-    twin = stats.norm.cdf(1.2) - stats.norm.cdf(-0.7)
-    assert tost_power(0.7, 1.2, 4, size=0.5) == pytest.approx(twin, rel=1e-12)
-
-
 @pytest.mark.parametrize("size", [0.0, 0.6, math.nan])
 def test_a_size_out_of_range_is_refused(size):
     with pytest.raises(UsageError, match=r"the size must be above 0 and at most 0\.5"):

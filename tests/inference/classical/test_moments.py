@@ -57,15 +57,6 @@ def test_moment_matching_gives_back_mean_and_sd():
         )
 
 
-def test_subjects_run_along_the_last_axis():
-    x = np.random.default_rng(3).normal(size=(4, 3, 10))
-    together = Moments.from_values(x)
-    for i in range(4):
-        for j in range(3):
-            alone = Moments.from_values(x[i, j])
-            assert (together.mean[i, j], together.sd[i, j]) == (alone.mean, alone.sd)
-
-
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
@@ -75,26 +66,17 @@ def test_subjects_run_along_the_last_axis():
             RefusalError,
             "At least 2 subjects are needed; there is 1",
         ),
-        (lambda: Moments.from_values([1.0, np.nan]), UsageError, r"value nan: .* index \[1\]"),
-        (
-            lambda: Moments.from_values([[1.0, 2.0], [np.inf, 1.0]]),
-            UsageError,
-            r"inf: .* index \[1, 0\]",
-        ),
         (
             lambda: Moments.from_values([[1.0, 2.0, np.nan], [np.inf, 1.0, 2.0]]),
             UsageError,
             r"nan: .* index \[0, 2\]",
         ),
         (lambda: Moments.from_values([[1.0, 2.0], [1.0]]), UsageError, "unequal length"),
-        (lambda: Moments.from_values(["a", "b"]), UsageError, "must be real numbers"),
         (
             lambda: Moments.from_values([1j, 2.0]),
             UsageError,
             "must be real numbers; their type is complex",
         ),
-        (lambda: Moments.from_values([True, False]), UsageError, "their type is bool"),
-        (lambda: Moments.from_values([object(), 1.0]), UsageError, "their type is object"),
         (lambda: Moments.from_values(3.0), UsageError, "not a single number"),
         (lambda: Moments.from_values([1.0, 0.0], log=True), RefusalError, "zero or negative"),
         (lambda: Moments(1.0, -1.0, 5), UsageError, "cannot be negative"),
@@ -106,7 +88,6 @@ def test_subjects_run_along_the_last_axis():
             UsageError,
             "value 2.0: A lower limit lies above",
         ),
-        (lambda: Moments.from_limits([1, 2], [2, 3, 4], 5), UsageError, "shapes that do not fit"),
         (
             lambda: Moments.from_limits(1.0, 2.0, 5, level=99),
             UsageError,
@@ -117,11 +98,6 @@ def test_subjects_run_along_the_last_axis():
             lambda: Moments(1.0, 1.0, 5, scale="Log"),
             UsageError,
             r"value 'Log': scale must be one of .linear., .log.",
-        ),
-        (
-            lambda: Moments(1.0, 1.0, 1e300),
-            UsageError,
-            "must be whole, and one that a double holds",
         ),
         (
             lambda: Moments.from_values(np.ma.masked_array([1.0, 2.0, 9e9], mask=[0, 0, 1])),

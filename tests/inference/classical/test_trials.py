@@ -19,12 +19,6 @@ def test_n_is_subjects_each_counting_once():
     assert interval.mean == pytest.approx((14 / 3 + 11 + 7) / 3, rel=1e-15)
 
 
-def test_the_pooled_sd_between_trials():
-    within = [np.array([3.0, 5.0, 6.0]), np.array([10.0, 12.0]), np.array([7.0])]
-    squares = sum(((part - part.mean()) ** 2).sum() for part in within)
-    assert subject_means(TRIALS, WHO).trial_sd == pytest.approx(np.sqrt(squares / 3), rel=1e-14)
-
-
 def test_lognormal_averages_logarithms():
     found = subject_means(TRIALS, WHO, family="lognormal")
     assert found.values == pytest.approx([90 ** (1 / 3), np.sqrt(120.0), 7.0], rel=1e-14)

@@ -23,13 +23,6 @@ def expected(model, points, repeats):
     }
 
 
-def test_repeats_of_a_draw_stand_together() -> None:
-    model, points = model_and_points()
-    once, thrice = (expected(model, points, repeats)[0] for repeats in (1, 3))
-    np.testing.assert_array_equal(thrice.mean, np.repeat(once.mean, 3, axis=0))
-    np.testing.assert_array_equal(thrice.location, np.repeat(once.location, 3, axis=0))
-
-
 def test_spreads_of_stiffness_and_damping_leave_their_trends_independently() -> None:
     found, named = expected(*model_and_points(width=200), repeats=20)
     own = np.diagonal(found.users[:, 0], axis1=1, axis2=2) - named["sigma_u"] ** 2

@@ -4,28 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from percept.errors import UsageError
 from percept.inference.model.priors import MEANINGS, Priors
-from tests.inference.model.designs import OTHER, made
-
-
-def test_coordinates_drawn_normal_give_the_priors():
-    """Kolmogorov-Smirnov on every scale that has no data in its coordinate's map."""
-    model = made("plain, trials", priors=OTHER).model
-    points = np.random.default_rng(4).normal(size=(4000, len(model.names)))
-    named = {name: values.T for name, (_, values) in model.scales(points).items()}
-    laws = {
-        "tau": stats.halfnorm(scale=0.2),
-        "sigma_u": stats.halfnorm(scale=0.9),
-        "omega": stats.halfnorm(scale=0.7),
-        "omega_e": stats.halfnorm(scale=0.4),
-        **{name: stats.beta(3.5, 3.5, loc=-1, scale=2) for name in ("rho_w", "rho_e", "rho_u")},
-    }
-    values = [(name, row) for name in laws for row in np.atleast_2d(named[name])]
-    for name, row in values:
-        assert stats.kstest(row, laws[name].cdf).pvalue > 1e-3 / len(values), name
+from tests.inference.model.designs import made
 
 
 def test_names_say_which_coordinate_is_which():
@@ -79,16 +61,6 @@ def test_priors_in_force_are_those_whose_change_moves_the_density(name):
         moved = not np.array_equal(changed(points), model(points))
         assert moved == (field.name in model.priors_in_force), field
         assert not moved or model.priors_in_force[field.name] == value
-
-
-@pytest.mark.parametrize("name", ["plain, trials", "two by two, spread", "subjects' trial SDs"])
-def test_scales_of_one_dimension_have_one_length(name):
-    model = made(name).model
-    lengths = {}
-    for scale, (dimensions, values) in model.scales(np.zeros((3, len(model.names)))).items():
-        assert len(values) == 3
-        for dimension, length in zip(dimensions, values.shape[1:], strict=True):
-            assert lengths.setdefault(dimension, length) == length, scale
 
 
 @pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(Priors)])

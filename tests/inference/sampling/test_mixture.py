@@ -44,15 +44,6 @@ def test_quantile_is_the_root(mixture, tail):
             assert abs(float(error)) < 1e-10 * scale + 4e-16 * abs(float(found))
 
 
-def test_quantiles_of_several_mixtures_are_each_its_own():
-    rng = np.random.default_rng(2)
-    mean, sd = rng.normal(size=(300, 5)), np.exp(rng.normal(size=(300, 5)))
-    together, _ = mixture_quantile(mean, sd, 0.01, upper=True)
-    for q in range(5):
-        alone = mixture_quantile(mean[:, q : q + 1], sd[:, q : q + 1], 0.01, upper=True)[0][0]
-        assert abs(together[q] - alone) < 1e-13 * abs(alone)
-
-
 def weighted_root(function, weights, low, high):
     return optimize.brentq(lambda x: weights @ function(x), low, high, xtol=1e-14, rtol=1e-14)
 
