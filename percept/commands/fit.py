@@ -113,7 +113,7 @@ def _print_checks(study: Study, say: Callable[[str], str]) -> None:
     else:
         density = f"{loo.elpd:.1f} ± {loo.se:.1f} nats"
         print(say(f"Predictive density of the subjects left out: {density}."))
-    for message in loo.messages or ("No subject is an outlier.",):
+    for message in loo.messages or ("No subject lies far from what the others predict.",):
         print(say(message))
 
 
@@ -164,7 +164,7 @@ def _report_again(arguments: argparse.Namespace) -> int:
 
 def _say_answer(page: Path, arguments: argparse.Namespace) -> None:
     """Print the findings and the path of a page, or a line alone; open it if that was asked."""
-    if not arguments.quiet:
+    if arguments.short or not arguments.quiet:
         _print_findings(page, printable, is_short=arguments.short)
     if not arguments.short:
         print(page)

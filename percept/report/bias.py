@@ -45,7 +45,7 @@ _MEASURES = {
     "sd_subjects": "SD between {subjects}",
     "icc_1": "ICC(1), the reliability of one trial",
     "sigma_u": "σ u, between {subjects}",
-    "sigma_w": "σ w, within one of the {environments}",
+    "sigma_w": "σ w, SD between {subjects} of one {environment} alone",
     "sigma_e": "σ e, between trials",
     "icc_c1": "ICC(C,1): {subjects} keep their order",
     "icc_a1": "ICC(A,1): {subjects} keep their values",
@@ -137,7 +137,7 @@ def _psychophysics(results: Results) -> Section:
                 tables.append(table_of(caption, distinct(own, field), columns, csv="psychophysics"))
     said = f"The PSE is the average {words.user}’s setting above."
     if rows[0].family == "lognormal":
-        said += " SDs are of logarithms."
+        said += " σ u, σ w and σ e are SDs of logarithms."
     is_shared = results.data.form == "trials" and not matching(rows, measure="sigma_slope")
     if matching(rows, measure="gamma") and is_shared:
         said += (

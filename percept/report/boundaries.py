@@ -111,8 +111,8 @@ def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
     }
     caption = (
         f"The next {words.user}’s Bayesian boundary against the classical one (exact envelopes)."
-        " Shift: middle over middle, less one. Width ratios are natural logarithms: at 0.69 it is"
-        " twice as wide."
+        " The shift is that of the middle, relative to it. Width ratios are logarithms: at 0.69"
+        " it is twice as wide."
     )
     return table_of(caption, pairs, columns, name="band_pairs", csv="band_pairs")
 
@@ -150,8 +150,8 @@ def bands_sentences(pairs: Sequence[BandPair]) -> list[str]:
         "The Bayesian band of |Z_h| lies farthest from the classical one in"
         f" {place.environment} (kind {place.kind}): {apart} {sign} at"
         f" {short(place.place.omega, 2)} rad/s.",
-        f"Its width differs most in {width.environment} (kind {width.kind}): {ratio} times at"
-        f" {short(width.width.omega, 2)} rad/s.",
+        f"Its width differs most in {width.environment} (kind {width.kind}): it is {ratio} times as"
+        f" wide at {short(width.width.omega, 2)} rad/s.",
     ]
 
 

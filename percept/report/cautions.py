@@ -189,7 +189,7 @@ def _growing(results: Results) -> Iterator[str]:
     if rows:
         names = listed([str(row.environment) for row in rows], MOST_SHOWN)
         yield (
-            f"Rendered directly, {names} may chatter: with some hands the motion grows."
+            f"Rendered directly, {names} may chatter: with some hands the loop is unstable."
             f" {capitalised(results.data.words.users)} may then set them wrongly."
         )
 

@@ -86,7 +86,8 @@ def _model(results: Results) -> Section:
     words = results.data.words
     sentences = []
     if record.loo:
-        sentences += list(misfits(results)) or [f"No {words.subject} is an outlier."]
+        none = f"No {words.subject} lies far from what the others predict."
+        sentences += list(misfits(results)) or [none]
         density = f"unreliable, as a few draws have most of the weight without some {words.subject}"
         if record.loo.elpd is not None and record.loo.se is not None:
             density = f"{short(record.loo.elpd, 4)} ± {short(record.loo.se, 2)} nats"

@@ -9,7 +9,7 @@ from percept.inference.record import percent
 from percept.report.biases import cause_sentences
 from percept.report.numbers import short
 from percept.report.select import METHOD_NAMES, MOST_NAMED, distinct, listed, matching
-from percept.results import Rendered, Results, Verdict, Words
+from percept.results import ConfirmedCoupling, Rendered, Results, Verdict, Words
 
 #: How an environment is displayed, by whether it is through the coupling.
 RENDERED = {False: "directly", True: "through the coupling"}
@@ -231,14 +231,13 @@ def device_sentence(results: Results) -> str:
     if len(needed) > MOST_NAMED:
         said = f"{short(min(needed))} to {short(max(needed))}"
     return (
-        f"{_WAYS[_is_coupled(results)]} {_named(names, results.data.words)}"
-        f" {'need' if len(names) > 1 else 'needs'} {said} N·s/m of damping; the device has"
-        f" {device['damping']:g}."
+        f"{_WAYS[_is_coupled(results)]}, {_named(names, results.data.words)} would need a device"
+        f" with {said} N·s/m of damping; this one has {device['damping']:g}."
     )
 
 
 def coupling_sentences(results: Results) -> list[str]:
-    """Say between which stiffnesses couplings are admissible, and where none is."""
+    """Name the softest and the stiffest coupling found that feel real, and say where none does."""
     design = results.design
     if design is None:
         return []
@@ -251,12 +250,10 @@ def coupling_sentences(results: Results) -> list[str]:
         if row.softest is None or row.stiffest is None:
             absent["none" if row.outcome == "none" else "undecided"].append(row.name)
             continue
-        low = short(row.softest.stiffness / _KILO, 2)
-        span = f"{low} kN/m and more"
-        if row.stiffest.bound != "map":
-            span = f"{low} to {short(row.stiffest.stiffness / _KILO, 2)} kN/m"
-        through = "through" if spans else "feels real through couplings of"
-        spans.append(f"{row.name} {through} {span}")
+        softest = _coupling(row.softest)
+        stiffest = "a rigid one" if row.stiffest.bound == "map" else _coupling(row.stiffest)
+        feels = "" if spans else " feels real through some couplings,"
+        spans.append(f"{row.name}{feels} from {softest} to {stiffest}")
     sentences = []
     if spans:
         measure = "probability" if design.method == "bayesian" else "confidence"
@@ -269,6 +266,12 @@ def coupling_sentences(results: Results) -> list[str]:
             f"Whether a coupling makes {_named(names, words)} feel real the data do not decide."
         )
     return sentences
+
+
+def _coupling(coupling: ConfirmedCoupling) -> str:
+    """Write a coupling: its damping belongs to its stiffness."""
+    stiffness = short(coupling.stiffness / _KILO, 2)
+    return f"{stiffness} kN/m with {short(coupling.damping, 2)} N·s/m"
 
 
 def paper_rule(results: Results) -> list[str]:

@@ -76,8 +76,8 @@ def _rendering(results: Results) -> Section:
     ]
     if results.zwidth and results.zwidth.edge:
         said = (
-            f"With every hand the device renders walls of up to"
-            f" {short(results.zwidth.edge.stiffest, 5)} N/m."
+            f"With every hand the device renders springs below"
+            f" {short(results.zwidth.edge.stiffest, 5)} N/m, and softer ones with damping."
         )
         if results.zwidth.likely:
             stiffest = short(results.zwidth.likely.stiffest, 5)
@@ -144,9 +144,9 @@ def _verdicts(results: Results) -> Section:
     first = verdicts[0]
     sentences = [
         f"What is displayed feels real if it lies among the central {percent(first.central)} of"
-        f" {words.users} at every ω: |Z_h|, effective stiffness and effective damping. It does from"
-        f" a probability of {percent(first.decision)} on, and does not from one minus that down;"
-        " between them the data do not decide.",
+        f" {words.users} at every ω: |Z_h|, effective stiffness and effective damping. At a"
+        f" probability of {percent(first.decision)} or more it does, and at"
+        f" {percent(1.0 - first.decision)} or less it does not.",
         f"Wide limits of few {words.subjects} are no evidence: with fewer than"
         f" {FEWEST_FOR_MAGNITUDE} |Z_h| alone never says “does not”.",
         *paper_rule(results),
@@ -185,11 +185,12 @@ def _by_parts(results: Results) -> Table:
             "at ω, rad/s": of("classical.magnitude_omega", 3),
             "all parts": plus_minus("classical.together", "classical.together_error"),
         }
-        refuted = percentage((1.0 - rows[0].decision) / PARTS, 2)
+        refuted = (1.0 - rows[0].decision) / PARTS
         caption += (
-            f" A classical “does not” needs a part at {refuted} or below, or half of that if it"
-            f" passes the mean {words.user} over ω; |Z_h| is approximate and needs"
-            f" {FEWEST_FOR_PAIR} {words.subjects}."
+            f" Each classical part decides by itself: all of them at {percent(rows[0].decision)} or"
+            f" more, or one at {percentage(refuted, 2)} or less; {percentage(refuted / 2.0, 2)}"
+            f" where it lies on both sides of the mean {words.user} over ω. |Z_h| is approximate"
+            f" and needs {FEWEST_FOR_PAIR} {words.subjects}."
         )
     needed = [row.more for row in rows if row.more]
     if needed:

@@ -296,7 +296,7 @@ def test_what_the_device_lacks_is_said_with_the_damping_that_is_needed():
     )
     assert decide(made) == [
         "Displayed directly, only B can be rendered with every hand.",
-        "Displayed directly A needs 1 N·s/m of damping; the device has 0.5.",
+        "Displayed directly, A would need a device with 1 N·s/m of damping; this one has 0.5.",
     ]
 
 

@@ -41,7 +41,8 @@ def test_couplings_that_feel_real_are_named_with_their_span(both):
     environments[2] |= {"outcome": "undecided"}
     said = said_of(changed)
     assert said == [
-        "VE2 feels real through couplings of 0.7 to 9 kN/m (95 % probability).",
+        "VE2 feels real through some couplings, from 0.7 kN/m with 2 N·s/m to 9 kN/m with 2 N·s/m"
+        " (95 % probability).",
         "No coupling serves VE1 and VE4.",
         "Whether a coupling makes VE3 feel real the data do not decide.",
     ]
@@ -51,7 +52,8 @@ def test_couplings_that_feel_real_are_named_with_their_span(both):
         row |= {"stiffest": END | {"bound": "map"}, "softest": END}
     (every,) = said_of(changed)
     assert every.endswith(
-        "through 9 kN/m and more and VE4 through 9 kN/m and more (95 % probability)."
+        "VE3 from 9 kN/m with 2 N·s/m to a rigid one and VE4 from 9 kN/m with 2 N·s/m to a rigid"
+        " one (95 % probability)."
     )
     changed["design"] = None
     assert said_of(changed) == []

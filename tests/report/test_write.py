@@ -69,7 +69,7 @@ def test_a_refusal_leaves_nothing_behind(tmp_path):
         table[table["subject"] == "S01"]
     )
     with pytest.raises(PerceptError, match="at least two subjects"):
-        Study(one, Scene()).report(tmp_path / "deep" / "out")
+        Study(one, Scene()).report(tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 
