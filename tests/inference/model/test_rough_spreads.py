@@ -5,7 +5,6 @@ import pytest
 
 from percept.inference.model.limits import Limits
 from percept.inference.model.model import plain_model
-from percept.inference.model.priors import Priors
 from percept.inference.model.rough import likelihood_of_trials
 from percept.inference.model.statistics import from_trials
 from percept.inference.sampling.gate import Settings
@@ -14,7 +13,7 @@ from reports.calibration.studies import KINDS, draw_study
 from reports.studies import model_of
 
 
-def model_of_rows(rows, environments=1, options=None):
+def model_of_rows(rows, environments=1):
     """Model of k for rows (subject, environment, response)."""
     subject, environment, response = (np.array(column) for column in zip(*rows, strict=True))
     statistics = from_trials(
@@ -26,7 +25,7 @@ def model_of_rows(rows, environments=1, options=None):
         environments=tuple(f"VE{j + 1}" for j in range(environments)),
         subjects=tuple(f"S{i + 1}" for i in range(subject.max() + 1)),
     )
-    return plain_model(statistics, Priors(), options)
+    return plain_model(statistics)
 
 
 def test_subjects_that_differ_less_than_their_trials_are_sampled_soon():
