@@ -134,9 +134,8 @@ def _messages(
     for check in subjects:
         if check.outlier:
             yield (
-                f"{check.subject} lies far from what the others predict, all cells together: as far"
-                f" or farther with a probability of {100.0 * check.farther:.2g} %. See whether the"
-                " session went wrong before believing the spread."
+                f"{check.subject} is an outlier: so far off, or farther, with a probability of"
+                f" {100.0 * check.farther:.2g} %. Check that session."
             )
     for cell in cells:
         if cell.outlier:

@@ -58,7 +58,7 @@ def test_fit_writes_and_prints_the_checks(sessions, tmp_path, capsys):
     assert main([*words, "--method", "bayesian", "--checks"]) == 0
     printed = capsys.readouterr().out
     assert "Predictive density of the subjects left out" in printed
-    assert "S01 lies far from what the others predict" in printed
+    assert "S01 is an outlier" in printed
     document = json.loads((out / "fit.json").read_text(encoding="utf-8"))
     checks = document["checks"]
     assert set(checks) == {"normality", "loo", "without", "statistics"}

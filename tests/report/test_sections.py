@@ -136,7 +136,7 @@ def checked():
 
 def test_messages_and_tables_stand_on_the_page(checked):
     page = page_of(checked)
-    assert "S01 lies far from what the others predict" in page
+    assert "S01 is an outlier" in page
     rows = checked["checks"]
     shown = [rows["loo"]["subjects"][0]["farther"], rows["statistics"][0]["above"]]
     for number in (*shown, rows["normality"][0]["p_value"]):

@@ -61,8 +61,8 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     cells = {(cell.subject, cell.environment) for cell in found.cells if cell.outlier}
     assert {("S04", "VE1"), ("S04", "VE3")} <= cells
     text = " ".join(found.messages)
-    assert "S04 lies far from what the others predict" in text
-    assert "S07 lies far from what the others predict" in text
+    assert "S04 is an outlier" in text
+    assert "S07 is an outlier" in text
     assert "S04 set stiffness in VE1 to" in text
     assert "far above what the others predict" in text
     # As a statistic of the cell, too: S04 is farther from the mean than the farthest of 12 users
