@@ -119,8 +119,8 @@ def centrals(results: Results) -> Table:
         if one.central != rows[0].central:
             columns[f"central {percent(one.central)}"] = _at_central(index)
     caption = (
-        "Probability (Bayesian) that what can be rendered lies among other central shares of"
-        f" {results.data.words.users}."
+        f"The same probability for other central shares of {results.data.words.users}, of what can"
+        " be rendered."
     )
     return table_of(caption, rows, columns, name="centrals", csv="verdicts")
 
