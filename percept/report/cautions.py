@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
 from scipy import special
 
 from percept.errors import capitalised, counted
@@ -25,6 +26,8 @@ _FEW = 5  # fewer subjects than this are called few
 _PULLED = 0.25
 #: Classical standard errors between the model's mean and the data's from which one is told first.
 _OVERRULED = 2.0
+#: Width over that of the classical interval, from which on the prior of the spread is told.
+_WIDENED = 1.5
 #: What a statistic of a cell says of the data where it is too high or too low for the model.
 _UNEXPECTED = {
     ("mean", "high"): "the mean of {quantity} is higher",
@@ -47,6 +50,7 @@ def cautions(results: Results) -> list[str]:
         said.append(gate.error_reached)
     said += doubtful_verdicts(results)
     said += _pooled(results)
+    said += _widened(results)
     said += _at_limits(results)
     said += _few(results)
     said += _below_zero(results)
@@ -116,6 +120,23 @@ def _pooled(results: Results) -> Iterator[str]:
             f" {f'{short(row.estimate)} {plain.unit}'.rstrip()}; that of the data is"
             f" {f'{short(plain.estimate)} {plain.unit}'.rstrip()}, as in the classical interval."
         )
+
+
+def _widened(results: Results) -> Iterator[str]:
+    """Say where the prior of the spread makes an interval far wider than the data do."""
+    for parameter, quantity in results.data.quantities.items():
+        for row, classical in _means(results, parameter):
+            ends = np.array([[row.lower, row.upper], [classical.lower, classical.upper]])
+            if row.family == "lognormal":
+                ends = np.log(ends)
+            of_model, of_data = np.diff(ends, axis=1)[:, 0]
+            if of_model > _WIDENED * of_data > 0.0:
+                yield (
+                    f"The Bayesian interval of {quantity.label} in {row.environment} is"
+                    f" {short(of_model / of_data, 2)} times as wide as the classical one:"
+                    f" {results.data.words.subjects} lie closer together than the prior expects."
+                    " Use the classical interval, or lower log_s_mean in [model.priors]."
+                )
 
 
 def overruled(results: Results) -> list[str]:
