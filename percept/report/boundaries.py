@@ -111,8 +111,7 @@ def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
     }
     caption = (
         f"The next {words.user}’s Bayesian boundary against the classical one (exact envelopes)."
-        " The shift is that of the middle, relative to it. Width ratios are logarithms: at 0.69"
-        " it is twice as wide."
+        " Shift: of the middle. Width ratios: logarithms (0.69 is twice as wide)."
     )
     return table_of(caption, pairs, columns, name="band_pairs", csv="band_pairs")
 

@@ -258,7 +258,8 @@ def coupling_sentences(results: Results) -> list[str]:
     if spans:
         measure = "probability" if design.method == "bayesian" else "confidence"
         sure = f"{percent(design.decision)} {measure}"
-        sentences.append(f"{listed(spans, MOST_NAMED)} ({sure}).")
+        said = "; ".join(spans) if len(spans) <= MOST_NAMED else listed(spans, MOST_NAMED)
+        sentences.append(f"{said} ({sure}).")
     if names := absent["none"]:
         sentences.append(f"No coupling serves {_named(names, words)}.")
     if names := absent["undecided"]:

@@ -52,8 +52,8 @@ def test_couplings_that_feel_real_are_named_with_their_span(both):
         row |= {"stiffest": END | {"bound": "map"}, "softest": END}
     (every,) = said_of(changed)
     assert every.endswith(
-        "VE3 from 9 kN/m with 2 N·s/m to a rigid one and VE4 from 9 kN/m with 2 N·s/m to a rigid"
-        " one (95 % probability)."
+        "; VE3 from 9 kN/m with 2 N·s/m to a rigid one; VE4 from 9 kN/m with 2 N·s/m to a rigid one"
+        " (95 % probability)."
     )
     changed["design"] = None
     assert said_of(changed) == []

@@ -218,7 +218,7 @@ def curve_drawings(results: Results) -> list[Drawing]:
     whom = _WHOM[kind].format(results.data.words)
     said = "Bands: Bayesian; lines: classical. Dashed: the reference"
     if main[0].coupled is not None:
-        said += "; dotted: the reference through the coupling"
+        said += "; short dashes: the reference through the coupling"
     close = matching(results.close, kind=kind)
     drawings = [
         Drawing(
