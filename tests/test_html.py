@@ -30,7 +30,6 @@ def study():
     [
         lambda _: haptics.required_damping(Loop(Device(1.0, 5.0), 1e-3), COUPLING),
         lambda _: haptics.absolute_stability(Loop(DEVICE, 1e-3), COUPLING),
-        lambda _: inference.bias(X, 10.0),
         lambda _: inference.t_interval(X),
         lambda _: inference.Moments.from_values(X),
         lambda _: plan_mean(0.1, sd=0.2),

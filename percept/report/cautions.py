@@ -125,7 +125,9 @@ def _pooled(results: Results) -> Iterator[str]:
 def _widened(results: Results) -> Iterator[str]:
     """Say where the prior of the spread makes an interval far wider than the data do."""
     for parameter, quantity in results.data.quantities.items():
-        for row, classical in _means(results, parameter):
+        pairs = _means(results, parameter)
+        # Of several environments each says what the spread of the others may be.
+        for row, classical in pairs if len(pairs) == 1 else ():
             ends = np.array([[row.lower, row.upper], [classical.lower, classical.upper]])
             if row.family == "lognormal":
                 ends = np.log(ends)

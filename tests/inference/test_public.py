@@ -7,7 +7,6 @@ import percept.inference
 NAMES = [
     "Interval",
     "Moments",
-    "bias",
     "check_normality",
     "prediction_interval",
     "t_interval",
