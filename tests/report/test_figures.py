@@ -157,7 +157,7 @@ def test_limits_of_a_hundred_decades_reach_the_end_of_the_axis_and_no_farther(cl
 
 
 @pytest.mark.parametrize(
-    ("verdict", "said"), [("can", "not decided"), ("cannot", "cannot be rendered")]
+    ("verdict", "said"), [("can", "not decided"), ("cannot", "cannot be\nrendered")]
 )
 def test_verdicts_stand_in_the_titles_of_ratios(both, verdict, said):
     document = copy.deepcopy(both)

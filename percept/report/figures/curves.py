@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -55,6 +56,7 @@ _COLUMNS = 3  # panels side by side
 _PANEL_HEIGHT = 42.0  # mm, with its labels
 _LEGEND_HEIGHT = 12.0  # mm
 _TITLE = 18  # letters
+_VERDICT = 11  # letters in a line
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +130,7 @@ def draw_magnitude(
         ax.plot(pair.omega, high, color=colour, linewidth=0.6)
     ax.plot(omega, reference, color=COLOURS["ink"], linestyle=REFERENCE_DASHES, label="reference")
     if coupled is not None:
-        label = "reference through the coupling"
+        label = "through the coupling"
         ax.plot(omega, coupled, color=COLOURS["coupled"], linestyle=_COUPLED_DASHES, label=label)
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("ω (rad/s)")
@@ -261,7 +263,9 @@ def _draw(figure: Figure, results: Results, boundaries: Sequence[Boundary], kind
             ax.set_title(titles[index])
         else:
             _draw_ratio(ax, own[0], limits)
-            ax.set_title(f"{titles[index]}\n{_verdict(results, name)}".strip(), fontsize="medium")
+            # A panel is some 20 mm wide.
+            verdict = textwrap.fill(_verdict(results, name), _VERDICT)
+            ax.set_title(f"{titles[index]}\n{verdict}".strip(), fontsize="medium")
         if index % _COLUMNS:
             ax.set_ylabel("")
     legend(axes, ncols=2)
