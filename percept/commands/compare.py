@@ -174,15 +174,15 @@ def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progres
     show("\n".join(notes))
     claim = _claim(study)
     show(f"{capitalised(claim)}.")
-    alike: dict[str, list[ContrastRow]] = {}
+    by_head: dict[str, list[ContrastRow]] = {}
     for row in rows:
         measure = _OF_RATIOS.get(row.of, "ratio")
         if row.unit:
             measure = f"difference, in {row.unit}"
         head = f"{row.of.capitalize()}, {row.second} against {row.first}, {measure}:"
         own = dataclasses.replace(row, environment=row.environment or "overall")
-        alike.setdefault(head, []).append(own)
-    for head, of_comparison in alike.items():
+        by_head.setdefault(head, []).append(own)
+    for head, of_comparison in by_head.items():
         print_table(of_comparison, _CONTRAST, head=head)
     if tests:
         print_table(tests, _ANOVA, head=f"Analysis of variance. {_ANOVA_LEGEND}")

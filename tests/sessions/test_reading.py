@@ -435,10 +435,13 @@ def test_published_means_become_the_limits_of_their_interval(tmp_path):
     head = "environment,parameter,reference,mean,sd,n,level\n"
     found = read(tmp_path, head + "VE1,k,15,14.914,3.9954,10,0.99\n")
     ((lower, upper),) = cells(found, "lower", "upper")
+
+    def beyond(q):
+        """P(|t| > q) for nine degrees of freedom: a regularised incomplete beta function."""
+        return mpmath.betainc(4.5, 0.5, 0, 9 / (9 + q**2), regularized=True)
+
     with mpmath.workdps(30):
-        # P(|t| > q) for nine degrees of freedom is a regularised incomplete beta function.
-        beta = lambda q: mpmath.betainc(4.5, 0.5, 0, 9 / (9 + q**2), regularized=True)  # noqa: E731
-        t = mpmath.findroot(lambda q: beta(q) - mpmath.mpf("0.01"), 3.25)
+        t = mpmath.findroot(lambda q: beyond(q) - mpmath.mpf("0.01"), 3.25)
         half = float(t * mpmath.mpf("3.9954") / mpmath.sqrt(10))
     assert (lower, upper) == pytest.approx((14.914 - half, 14.914 + half), rel=1e-13)
     bare = read(tmp_path, head.replace(",level", "") + "VE1,k,15,14.914,3.9954,10\n")

@@ -141,7 +141,7 @@ def test_what_has_no_ratio_is_named():
 
 def test_only_factors_of_the_model_have_a_precision():
     with pytest.raises(UsageError, match=r"model\.precision.*foot.*no factor of the model"):
-        opened(planted(1), precision="foot").contrast_rows  # noqa: B018
+        list(opened(planted(1), precision="foot").contrast_rows)
 
 
 def test_the_page_says_what_precision_is():

@@ -68,14 +68,13 @@ def draw_band(
             place = getattr(one, size) * _APART[method]
             ends = [one.band_lower or one.band, one.band_upper or one.band]
             draw_interval(ax, place, ends, one.band, method, width=1.2, upright=True)
-    log_scale(ax)
     if laws:
         law = max(laws, key=lambda one: one.best)
         sizes = [getattr(one, size) for one in own]
         grid = np.geomspace(min(sizes) / _BEYOND, max(sizes) * _BEYOND, _LAW_POINTS)
         values = np.array([[estimate.value for estimate in law.parameters.values()]])
         line = law_band(law.model, values, grid)[0]
-        ax.plot(grid, line, color=COLOURS[method], linewidth=0.9, label=_LAWS[law.model])
+        ax.plot(grid, line, color=COLOURS[drawn[-1]], linewidth=0.9, label=_LAWS[law.model])
     for one in own:
         ax.annotate(
             one.environment, (getattr(one, size), one.band), xytext=(6, -7),
