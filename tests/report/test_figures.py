@@ -229,6 +229,14 @@ def test_one_law_is_drawn_through_the_bands(found, both):
             assert row["band_lower"] < row["band"] < row["band_upper"]
 
 
+def test_a_law_has_the_colour_of_the_method_that_it_follows(both, classical):
+    for document, method in ((both, "bayesian"), (classical, "classical")):
+        (band,) = [one for one in drawings(as_results(document)) if one.name == "band"]
+        ax = drawn_on(band).axes[0]
+        (line,) = [line for line in ax.lines if len(line.get_xdata()) == 80]
+        assert line.get_color() == COLOURS[method]
+
+
 def drawing_of(draw, **given):
     """A drawing of one set of axes."""
 
