@@ -95,7 +95,9 @@ def listed(names: Sequence[str], most: int = 10**6) -> str:
     """Join names with commas and a final "and"; count those beyond the first few."""
     if len(names) > most:
         names = [*names[:most], f"{len(names) - most} more"]
-    return " and ".join(text for text in (", ".join(names[:-1]), *names[-1:]) if text)
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def first(records: Iterable[R], **preferred: Sequence[object]) -> R | None:
