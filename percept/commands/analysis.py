@@ -214,7 +214,7 @@ def tell_error(*studies: Study) -> None:
 
 def print_json(value: Any) -> None:
     """Print a result as JSON."""
-    from percept.results.plain import dumps, plain
+    from percept.results import dumps, plain
 
     print(dumps(plain(value)), end="")
 

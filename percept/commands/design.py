@@ -86,7 +86,7 @@ def _plan(arguments: argparse.Namespace) -> None:
         hint = "Add one of them, or leave the sessions out."
         raise UsageError("sessions are for --kind verdicts and for --by.", hint=hint)
     from percept import planning
-    from percept.results.plain import plain
+    from percept.results import plain
 
     planners: dict[str, Callable[..., Plan | ContrastPlan | EquivalencePlan]] = {
         "mean": planning.plan_mean,
@@ -115,7 +115,7 @@ def _pilot(arguments: argparse.Namespace) -> None:
     import numpy as np
 
     from percept.planning import plan_from_pilot
-    from percept.results.plain import plain
+    from percept.results import plain
 
     if arguments.kind != "contrast":
         raise UsageError("--by is for --kind contrast.")

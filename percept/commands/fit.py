@@ -184,7 +184,7 @@ def _print_findings(page: Path, say: Callable[[str], str], *, is_short: bool) ->
 
 def _predict(arguments: argparse.Namespace) -> None:
     """Print how far the environment lies from the tested ones, and its intervals."""
-    from percept.results.plain import plain
+    from percept.results import plain
     from percept.study.prediction import predict
 
     with Working("predicting", shown=not arguments.quiet) as progress:

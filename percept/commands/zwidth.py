@@ -20,7 +20,7 @@ _STEP = 16
 
 def _zwidth(arguments: argparse.Namespace) -> None:
     """Print the edge and write its figure."""
-    from percept.results.plain import plain
+    from percept.results import plain
 
     width = _width(arguments.scene)
     if arguments.json:

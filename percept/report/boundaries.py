@@ -31,8 +31,7 @@ from percept.report.select import (
     present,
     unwidened,
 )
-from percept.results import BandLaw, BandPair, Boundary, Coefficient, Results, plain
-from percept.results.fields import Array
+from percept.results import Array, BandLaw, BandPair, Boundary, Coefficient, Results, plain
 
 _SHAPES = {
     "corner": (

@@ -4,50 +4,58 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable
+import math
+import re
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from percept.errors import UsageError
-from percept.results.boundaries import Band, Boundary
-from percept.results.checks import Checks, Diagnostics
-from percept.results.coupling import (
+from percept.results.data import Checks, Data, Diagnostics, Provenance
+from percept.results.display import (
     AdmissibleCouplings,
+    Band,
+    Boundary,
     Coupling,
     OtherDevices,
     Rendered,
     Verdict,
     ZWidth,
 )
-from percept.results.data import Data, Provenance
-from percept.results.findings import Findings
 from percept.results.intervals import (
     AnovaRow,
     BandPair,
     ContrastRow,
+    EquivalenceRow,
     IntervalRow,
     Ladder,
     LevelValues,
     MethodPair,
+    PseLineRow,
+    PsychophysicsRow,
 )
-from percept.results.plain import JsonObject, dumps, plain
-from percept.results.psychophysics import EquivalenceRow, PseLineRow, PsychophysicsRow
-from percept.results.shared import share_curves, with_shared_curves
-
-#: Where boundaries stand in report.json, and where the curves do that those share.
-_CURVES = {"boundaries": "impedances", "close": "close_impedances"}
 
 #: Of report.json and fit.json: the name, and the version of its fields.
 SCHEMA = "percept-report/5"
 
-
 #: Does some work while the caller goes on: gives a function that waits for its result.
 Beside = Callable[[Callable[[], Any]], AbstractContextManager[Callable[[], Any]]]
+#: A record or a mapping as JSON holds it.
+JsonObject = dict[str, Any]
+
+#: Where boundaries stand in report.json, and where the curves do that those share.
+_CURVES = {"boundaries": "impedances", "close": "close_impedances"}
+#: Curves that depend on the environment, device and coupling, and on no interval.
+_SHARED = ("omega", "reference", "coupled")
+#: Characters that move a terminal's cursor or hide text: C1 controls, and marks of direction.
+_HIDDEN = re.compile("[\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,21 +78,19 @@ class Skipped:
 class Part:
     """Where a field of `Results` comes from: an attribute of the study."""
 
-    step: str  # What a command shows while it is worked out; empty of what takes no time
-    of: str  # The attribute; empty where it has the field's name
-    needs: Literal["", "curves", "why"]  # What must be asked for
-    beside: bool  # Whether a second process works it out, where there is one
+    step: str = ""  # What a command shows while it is worked out; empty of what takes no time
+    of: str = ""  # The attribute; empty where it has the field's name
+    needs: Literal["", "curves", "why"] = ""  # What must be asked for
+    beside: bool = False  # Whether a second process works it out, where there is one
 
 
-def _part(
-    step: str = "",
-    *,
-    of: str = "",
-    needs: Literal["", "curves", "why"] = "",
-    beside: bool = False,
-) -> dict[str, Part]:
-    """Describe where a field comes from."""
-    return {"part": Part(step, of, needs, beside)}
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """What the first screen of a page says: the summary of report.json."""
+
+    sentences: tuple[str, ...]
+    cautions: tuple[str, ...]
+    paragraph: str  # Of results, to paste into a paper; empty without intervals
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,68 +101,51 @@ class Results:
     times and no folders in it: the same input and seed give the same results.
     """
 
-    provenance: Provenance = field(metadata=_part())
-    data: Data = field(metadata=_part(of="read"))
-    intervals: tuple[IntervalRow, ...] = field(
-        metadata=_part("working out intervals", of="interval_rows")
-    )
-    contrast: tuple[ContrastRow, ...] = field(
-        metadata=_part("contrasting levels", of="contrast_rows")
-    )
-    boundaries: tuple[Boundary, ...] = field(
-        metadata=_part("working out boundaries", needs="curves"), default=()
-    )
+    provenance: Provenance
+    data: Annotated[Data, Part(of="read")]
+    intervals: Annotated[tuple[IntervalRow, ...], Part("working out intervals", of="interval_rows")]
+    contrast: Annotated[tuple[ContrastRow, ...], Part("contrasting levels", of="contrast_rows")]
+    boundaries: Annotated[tuple[Boundary, ...], Part("working out boundaries", needs="curves")] = ()
     #: Window of omega of each environment's close view, rad/s
-    zoom: dict[str, tuple[float, float]] = field(
-        metadata=_part(needs="curves"), default_factory=dict
+    zoom: Annotated[dict[str, tuple[float, float]], Part(needs="curves")] = dataclasses.field(
+        default_factory=dict
     )
-    close: tuple[Boundary, ...] = field(
-        metadata=_part(needs="curves"), default=()
-    )  # Drawn in those windows
+    close: Annotated[tuple[Boundary, ...], Part(needs="curves")] = ()  # Drawn in those windows
     #: Empty without a device
-    verdicts: tuple[Verdict, ...] = field(
-        metadata=_part("judging what feels real", of="verdict_rows", needs="curves", beside=True),
-        default=(),
-    )
+    verdicts: Annotated[
+        tuple[Verdict, ...],
+        Part("judging what feels real", of="verdict_rows", needs="curves", beside=True),
+    ] = ()
     #: In time; None without curves
-    rendering: tuple[Rendered, ...] | None = field(metadata=_part(needs="curves"), default=None)
-    zwidth: ZWidth | None = field(
-        metadata=_part(needs="curves"), default=None
-    )  # None without a device
-    coupling: Coupling | None = field(
-        metadata=_part("judging what can be rendered", of="coupling_row", needs="curves"),
-        default=None,
-    )
-    band: Band | None = field(metadata=_part("fitting the band law", needs="curves"), default=None)
-    design: AdmissibleCouplings | None = field(
-        metadata=_part("mapping couplings", needs="curves", beside=True), default=None
-    )
-    sensitivity: OtherDevices | None = field(
-        metadata=_part("trying other devices", of="other_devices", needs="curves", beside=True),
-        default=None,
-    )
-    comparison: tuple[MethodPair, ...] | None = field(metadata=_part("comparing the methods"))
+    rendering: Annotated[tuple[Rendered, ...] | None, Part(needs="curves")] = None
+    zwidth: Annotated[ZWidth | None, Part(needs="curves")] = None  # None without a device
+    coupling: Annotated[
+        Coupling | None, Part("judging what can be rendered", of="coupling_row", needs="curves")
+    ] = None
+    band: Annotated[Band | None, Part("fitting the band law", needs="curves")] = None
+    design: Annotated[
+        AdmissibleCouplings | None, Part("mapping couplings", needs="curves", beside=True)
+    ] = None
+    sensitivity: Annotated[
+        OtherDevices | None,
+        Part("trying other devices", of="other_devices", needs="curves", beside=True),
+    ] = None
+    comparison: Annotated[tuple[MethodPair, ...] | None, Part("comparing the methods")]
     #: The methods' boundaries against each other
-    band_pairs: tuple[BandPair, ...] | None = field(metadata=_part(needs="curves"), default=None)
-    ladder: Ladder | None = field(metadata=_part(needs="why"), default=None)
-    diagnostics: Diagnostics | None = field(metadata=_part())
-    checks: Checks | None = field(metadata=_part("checking the model", of="all_checks"))
+    band_pairs: Annotated[tuple[BandPair, ...] | None, Part(needs="curves")] = None
+    ladder: Annotated[Ladder | None, Part(needs="why")] = None
+    diagnostics: Diagnostics | None
+    checks: Annotated[Checks | None, Part("checking the model", of="all_checks")]
     #: Without curves, these are skipped as a whole
-    skipped: tuple[Skipped, ...] = field(metadata=_part(of="skipped_rows", needs="curves"))
+    skipped: Annotated[tuple[Skipped, ...], Part(of="skipped_rows", needs="curves")]
     #: Tests of the terms of `contrast`; empty without factors
-    anova: tuple[AnovaRow, ...] = field(metadata=_part(), default=())
-    levels: tuple[LevelValues, ...] = field(
-        metadata=_part(), default=()
-    )  # Subjects' means at levels of factors
-    psychophysics: tuple[PsychophysicsRow, ...] = field(
-        metadata=_part(of="psychophysics_rows"), default=()
-    )
+    anova: tuple[AnovaRow, ...] = ()
+    levels: tuple[LevelValues, ...] = ()  # Subjects' means at levels of factors
+    psychophysics: Annotated[tuple[PsychophysicsRow, ...], Part(of="psychophysics_rows")] = ()
     #: Empty without three references, and without the model
-    pse_lines: tuple[PseLineRow, ...] = field(metadata=_part(), default=())
+    pse_lines: tuple[PseLineRow, ...] = ()
     #: Empty without `[study] jnd`
-    equivalence: tuple[EquivalenceRow, ...] = field(
-        metadata=_part(of="equivalence_rows"), default=()
-    )
+    equivalence: Annotated[tuple[EquivalenceRow, ...], Part(of="equivalence_rows")] = ()
 
     def to_json(self, summary: Findings | None = None) -> str:
         """Write the results as report.json holds them.
@@ -229,7 +218,7 @@ class Results:
         complete = dict(document)
         for boundaries, shared in _CURVES.items():
             curves = complete.pop(shared, {})
-            complete[boundaries] = with_shared_curves(complete.get(boundaries), curves)
+            complete[boundaries] = _with_curves(complete.get(boundaries), curves)
         return _schema().validate_python(complete)
 
 
@@ -237,3 +226,114 @@ class Results:
 def _schema() -> TypeAdapter[Results]:
     """Return the schema of the records' own types; it takes a moment to build."""
     return TypeAdapter(Results)
+
+
+def parts() -> dict[str, Part]:
+    """Return where each field of `Results` comes from."""
+    hints = get_type_hints(Results, include_extras=True)
+    return {name: getattr(hint, "__metadata__", [Part()])[0] for name, hint in hints.items()}
+
+
+def share_curves(boundaries: list[JsonObject]) -> dict[str, JsonObject]:
+    """Take the shared curves out of plain boundaries, and return them by environment.
+
+    A boundary whose curves differ from the first one's of its environment keeps its own.
+    """
+    shared: dict[str, JsonObject] = {}
+    for boundary in boundaries:
+        curves = {name: boundary[name] for name in _SHARED}
+        if shared.setdefault(boundary["environment"], curves) == curves:
+            for name in _SHARED:
+                del boundary[name]
+    return shared
+
+
+def _with_curves(boundaries: Any, shared: Any) -> Any:
+    """Undo `share_curves`; the schema reports what has another shape."""
+    if not isinstance(boundaries, list) or not isinstance(shared, dict):
+        return boundaries
+    complete = []
+    for boundary in boundaries:
+        if isinstance(boundary, dict):
+            boundary = {**(shared.get(boundary.get("environment")) or {}), **boundary}
+        complete.append(boundary)
+    return complete
+
+
+def plain(value: Any) -> Any:
+    """Turn a result into JSON values, with every digit; NaN is None, infinities are text."""
+    if value is None or isinstance(value, (str, bool)):
+        return value
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        return _number(float(value))
+    if isinstance(value, Mapping):
+        return {str(name): plain(part) for name, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(part) for part in value]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {
+            field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
+    if hasattr(value, "model_dump"):
+        return plain(value.model_dump())
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain_array(np.asarray(value))
+    if hasattr(value, "to_dict"):
+        return plain(value.to_dict("records"))
+    raise TypeError(f"{type(value).__name__} has no plain form.")
+
+
+def _plain_array(values: NDArray[Any]) -> Any:
+    """Turn an array into lists; only where a number is not finite does each need a look."""
+    if values.dtype.kind == "f" and np.isfinite(values).all():
+        return values.tolist()
+    return plain(values.tolist())
+
+
+def _number(value: float) -> float | str | None:
+    """Return a double as JSON holds it."""
+    if math.isfinite(value):
+        return value
+    if math.isnan(value):
+        return None
+    return "inf" if value > 0 else "-inf"
+
+
+def dumps(document: JsonObject) -> str:
+    """Write a plain document as JSON: full precision, stable order, readable, one final newline.
+
+    Parameters
+    ----------
+    document : mapping
+        As `plain` returns it.
+
+    Returns
+    -------
+    str
+        Lists of numbers stand on one line. Characters that a terminal would obey are escaped.
+
+    Raises
+    ------
+    ValueError
+        Where a NaN or an infinity is left.
+    """
+    text = _indented(document, "") + "\n"
+    # They stand in texts only.
+    return _HIDDEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def _indented(value: Any, indent: str) -> str:
+    """Write dicts, and lists of lists or dicts, an entry a line; lists of numbers stay on one."""
+    deeper = indent + " "
+    if isinstance(value, dict) and value:
+        entries = [
+            f"{_ENCODER.encode(name)}: {_indented(part, deeper)}" for name, part in value.items()
+        ]
+    elif isinstance(value, list) and any(isinstance(part, (dict, list)) for part in value):
+        entries = [_indented(part, deeper) for part in value]
+    else:
+        return _ENCODER.encode(value)
+    first, last = "{}" if isinstance(value, dict) else "[]"
+    return f"{first}\n" + ",\n".join(deeper + entry for entry in entries) + f"\n{indent}{last}"

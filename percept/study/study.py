@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import nullcontext
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,6 @@ from percept.results import (
     Checks,
     Coupling,
     Diagnostics,
-    Part,
     Provenance,
     Results,
     Skipped,
@@ -210,13 +208,13 @@ class Study(Displayed):
             What the study refuses.
         """
         given = {"": True, "curves": curves, "why": why}
-        parts: dict[str, Part] = {one.name: one.metadata["part"] for one in fields(Results)}
-        asked = [name for name, part in parts.items() if given[part.needs]]
+        sources = results.parts()
+        asked = [name for name, part in sources.items() if given[part.needs]]
 
         def work_out(names: Iterable[str]) -> dict[str, Any]:
             found = {}
             for name in names:
-                part = parts[name]
+                part = sources[name]
                 if progress and part.step:
                     progress(part.step)
                 found[name] = getattr(self, part.of or name)
@@ -224,7 +222,7 @@ class Study(Displayed):
 
         # What both need: the fit.
         found = work_out(["intervals"])
-        of_copy = [name for name in asked if parts[name].beside]
+        of_copy = [name for name in asked if sources[name].beside]
         with beside(partial(work_out, of_copy)) as done:
             found |= work_out(name for name in asked if name not in (*found, *of_copy))
             found |= done()

@@ -17,7 +17,7 @@ from typing import Self
 import numpy as np
 
 from percept.errors import RefusalError
-from percept.results.plain import plain
+from percept.results import plain
 from reports.benchmark import designs
 from reports.benchmark.simulated import published
 from reports.fitted import by_percept

@@ -8,7 +8,7 @@ import pytest
 from percept import Scene, Study, read_sessions
 from percept.cache import PosteriorCache
 from percept.cli import main
-from percept.results.plain import dumps
+from percept.results import dumps
 from tests.batch.conftest import study_text
 from tests.documents import build_document
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.results.plain import dumps, plain
+from percept.results import dumps, plain
 
 
 @dataclass(frozen=True)

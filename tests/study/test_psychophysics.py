@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study
-from percept.results.psychophysics import Measure
+from percept.results import Measure
 from percept.sessions import Sessions
 from tests.study.checked import study_of, table_of
 

@@ -11,8 +11,7 @@ from scipy import special
 
 from percept.inference.classical.contrasts import tost
 from percept.inference.record import FloatOrArray, Method
-from percept.results import EquivalenceRow, Skipped
-from percept.results.psychophysics import Equivalence
+from percept.results import Equivalence, EquivalenceRow, Skipped
 from percept.sessions.quantities import amount_in
 from percept.study.basics import Array
 from percept.study.data import Cell, Data

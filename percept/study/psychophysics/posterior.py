@@ -29,8 +29,7 @@ from percept.inference.model.model import LinearModel
 from percept.inference.model.predictions import trend_rows
 from percept.inference.model.subjects import cells_of_subjects
 from percept.inference.sampling.endpoints import mixture_limits
-from percept.results import PsychophysicsRow
-from percept.results.psychophysics import Measure
+from percept.results import Measure, PsychophysicsRow
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
 from percept.study.psychophysics.rows import Place, mapped

@@ -10,7 +10,7 @@ import numpy as np
 
 from percept.inference.classical.variability import Bounded
 from percept.inference.record import Method
-from percept.results.psychophysics import Measure, PsychophysicsRow
+from percept.results import Measure, PsychophysicsRow
 from percept.sessions.quantities import Quantity
 from percept.study.basics import Array
 from percept.study.data import Data
