@@ -101,50 +101,67 @@ class Results:
     times and no folders in it: the same input and seed give the same results.
     """
 
+    #: Versions, seed, digests of the input, and the scene with its defaults
     provenance: Provenance
+    #: Counts, exclusions by reason, notices, the values of every cell, and what each subject did
     data: Annotated[Data, Part(of="read")]
+    #: One for each environment, quantity, method, kind, family and joint treatment
     intervals: Annotated[tuple[IntervalRow, ...], Part("working out intervals", of="interval_rows")]
+    #: Levels of factors compared two by two, interactions, and slopes of covariates
     contrast: Annotated[tuple[ContrastRow, ...], Part("contrasting levels", of="contrast_rows")]
+    #: Curves of each environment's limits, with their Monte Carlo error
     boundaries: Annotated[tuple[Boundary, ...], Part("working out boundaries", needs="curves")] = ()
     #: Window of omega of each environment's close view, rad/s
     zoom: Annotated[dict[str, tuple[float, float]], Part(needs="curves")] = dataclasses.field(
         default_factory=dict
     )
-    close: Annotated[tuple[Boundary, ...], Part(needs="curves")] = ()  # Drawn in those windows
-    #: Empty without a device
+    #: Boundaries drawn in those windows
+    close: Annotated[tuple[Boundary, ...], Part(needs="curves")] = ()
+    #: Whether each environment feels real, by both methods; empty without a device
     verdicts: Annotated[
         tuple[Verdict, ...],
         Part("judging what feels real", of="verdict_rows", needs="curves", beside=True),
     ] = ()
-    #: In time; None without curves
+    #: Whether the device renders each environment with every passive hand, in time
     rendering: Annotated[tuple[Rendered, ...] | None, Part(needs="curves")] = None
-    zwidth: Annotated[ZWidth | None, Part(needs="curves")] = None  # None without a device
+    #: The edge of what the device renders; None without a device
+    zwidth: Annotated[ZWidth | None, Part(needs="curves")] = None
+    #: The paper's Eq. 10 for the coupling, and the paper's rule
     coupling: Annotated[
         Coupling | None, Part("judging what can be rendered", of="coupling_row", needs="curves")
     ] = None
+    #: Widths of users' intervals, and the laws fitted to them
     band: Annotated[Band | None, Part("fitting the band law", needs="curves")] = None
+    #: Probability that couplings feel real; the softest and the stiffest that do
     design: Annotated[
         AdmissibleCouplings | None, Part("mapping couplings", needs="curves", beside=True)
     ] = None
+    #: Probability of feeling real at half and 1.5 times the device's mass and damping
     sensitivity: Annotated[
         OtherDevices | None,
         Part("trying other devices", of="other_devices", needs="curves", beside=True),
     ] = None
+    #: The two methods in pairs
     comparison: Annotated[tuple[MethodPair, ...] | None, Part("comparing the methods")]
     #: The methods' boundaries against each other
     band_pairs: Annotated[tuple[BandPair, ...] | None, Part(needs="curves")] = None
+    #: Why the methods differ, step by step
     ladder: Annotated[Ladder | None, Part(needs="why")] = None
+    #: The sampler's checks
     diagnostics: Diagnostics | None
+    #: The model's checks
     checks: Annotated[Checks | None, Part("checking the model", of="all_checks")]
-    #: Without curves, these are skipped as a whole
+    #: What was not computed, and why
     skipped: Annotated[tuple[Skipped, ...], Part(of="skipped_rows", needs="curves")]
     #: Tests of the terms of `contrast`; empty without factors
     anova: tuple[AnovaRow, ...] = ()
-    levels: tuple[LevelValues, ...] = ()  # Subjects' means at levels of factors
+    #: What each subject set at every level of a factor
+    levels: tuple[LevelValues, ...] = ()
+    #: Points of equality, thresholds, spreads and reliability
     psychophysics: Annotated[tuple[PsychophysicsRow, ...], Part(of="psychophysics_rows")] = ()
-    #: Empty without three references, and without the model
+    #: Points of equality over the reference; empty without three references, and without the model
     pse_lines: tuple[PseLineRow, ...] = ()
-    #: Empty without `[study] jnd`
+    #: Whether each bias is smaller than one JND; empty without `[study] jnd`
     equivalence: Annotated[tuple[EquivalenceRow, ...], Part(of="equivalence_rows")] = ()
 
     def to_json(self, summary: Findings | None = None) -> str:
