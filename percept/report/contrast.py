@@ -130,7 +130,7 @@ def _table(rows: Sequence[ContrastRow], results: Results) -> Table:
         return list(_PARTS).index(row.of), pair, parameters.index(row.parameter)
 
     def where(row: ContrastRow) -> str:
-        return row.environment or f"overall, {len(row.references)} of {row.of_references}"
+        return row.environment or f"overall, {len(row.references)} of {results.data.references}"
 
     def compared(row: ContrastRow) -> str:
         named = _PARTS.get(row.of) or f"{row.of} {row.factor}"
@@ -255,10 +255,10 @@ def _difference(row: ContrastRow, results: Results) -> str:
         side = "smaller" if row.estimate < 0.0 else "larger"
         said = f"The {what} is {size} {side} for {second} than for {first} {limits}."
     rests_on = []
-    if row.n < row.of_subjects:
-        rests_on.append(f"{row.n} of {row.of_subjects} {words.subjects}")
-    if row.environment is None and len(row.references) < row.of_references:
-        rests_on.append(f"{len(row.references)} of {row.of_references} references")
+    if row.n < results.data.subjects:
+        rests_on.append(f"{row.n} of {results.data.subjects} {words.subjects}")
+    if row.environment is None and len(row.references) < results.data.references:
+        rests_on.append(f"{len(row.references)} of {results.data.references} references")
     return f"{said} It rests on {listed(rests_on)}." if rests_on else said
 
 

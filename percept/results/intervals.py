@@ -91,8 +91,6 @@ class ContrastRow(Estimate):
         None  # Mean of subjects' own differences over their SD, on the family's scale
     )
     within: bool  # Whether each subject has all levels
-    of_subjects: int  # Subjects in the study
-    of_references: int  # References that the factor has
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -16,10 +16,9 @@ import pandas as pd
 
 from percept.errors import RefusalError
 from percept.inference.classical.anova import Effect, anova
-from percept.results import AnovaRow, LevelValues, Skipped
+from percept.results import AnovaRow, Skipped
 from percept.sessions.records import Factors
-from percept.study.basics import Array, known
-from percept.study.comparisons import Comparison, level_means
+from percept.study.basics import Array
 from percept.study.conditions import Conditions
 from percept.study.data import Data
 from percept.study.responses import Trials
@@ -27,41 +26,6 @@ from percept.study.subject_cells import SubjectCells
 
 #: What the references are called as a factor: the column of the sessions.
 ENVIRONMENT = "environment"
-
-
-def level_values(data: Data) -> Iterator[LevelValues]:
-    """Yield subjects' means at every level of the factors, over all references and at each one.
-
-    There are none of a quantity whose values have no logarithm in the lognormal family: the
-    contrasts say why.
-    """
-    factors = data.sessions.factors
-    if factors is None or not data.scene.terms:
-        return
-    means = list(level_means(data.conditions, factors, list(factors.cells.values())))
-    compared: list[tuple[Comparison, str | None]] = [(overall, None) for *_, overall in means]
-    compared += [(own, own.environment) for *each, _ in means for own in each]
-    for parameter in data.parameters:
-        try:
-            cells = data.subject_cells(parameter)
-        except RefusalError:
-            continue
-        log = data.trials(parameter).scale.log
-        # A response is a log ratio, a difference over the reference, or a difference over `scale`.
-        scale = 1.0
-        if data.by_difference(parameter):
-            scale = data.scene.model.scale.get(parameter, 1.0)
-        for comparison, environment in compared:
-            responses = cells.at_level(comparison)
-            settings = np.exp(responses) if log else scale * responses
-            yield LevelValues(
-                factor=comparison.factor,
-                level=comparison.second,
-                parameter=parameter,
-                environment=environment,
-                within=comparison.within,
-                values=tuple(known(value) for value in settings.tolist()),
-            )
 
 
 def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:

@@ -54,7 +54,7 @@ def comparisons(
     cells: Sequence[CellKey],
     label: str,
     lacking: str = "data",
-) -> Iterator[list[Comparison] | Skipped]:
+) -> Iterator[Comparison | Skipped]:
     """Yield every pair of levels and every interaction: by reference, then over several.
 
     Parameters
@@ -91,15 +91,10 @@ def comparisons(
             made = _by_reference(outline, term, signs, factors, cells)
             found = {comparison.environment for comparison in made}
             missing = [name for name in factors.environments if name not in found]
-            what = f"contrast of {label}, {outline.versus}"
-            levels = "all its levels" if len(term) > 1 else "both levels"
-            if missing and made:
-                where = ", ".join(missing)
-                yield Skipped(f"{what}, in {where}", f"there are no {lacking} at {levels}")
-            elif missing:
-                yield Skipped(what, f"no reference has {lacking} at {levels}")
-            if made:
-                yield made
+            if missing:
+                what = f"contrast of {label}, {outline.versus}, in {', '.join(missing)}"
+                yield Skipped(what, f"there are no {lacking} at all its levels")
+            yield from made
 
 
 def level_means(
@@ -133,23 +128,15 @@ def _by_reference(
     for name in factors.environments:
         weights = _weights(name, places, signs, cells)
         if weights:
-            own = dataclasses.replace(
-                outline, environment=name, references=(name,), weights=weights
+            made.append(
+                dataclasses.replace(outline, environment=name, references=(name,), weights=weights)
             )
-            made.append(own)
-    if len(made) > 1:
-        made.append(averaged(made))
-    return made
-
-
-def averaged(each: Sequence[Comparison]) -> Comparison:
-    """Average a contrast over its references."""
-    weights = {}
-    for comparison in each:
-        for cell, weight in comparison.weights.items():
-            weights[cell] = weight / len(each)
-    references = tuple(name for comparison in each for name in comparison.references)
-    return dataclasses.replace(each[0], environment=None, references=references, weights=weights)
+    if len(made) < 2:
+        return made
+    average = {cell: weight / len(made) for one in made for cell, weight in one.weights.items()}
+    references = tuple(name for one in made for name in one.references)
+    overall = dataclasses.replace(outline, references=references, weights=average)
+    return [*made, overall]
 
 
 def _weights(

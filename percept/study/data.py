@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import PerceptError, RefusalError
 from percept.inference.classical.moments import Moments
@@ -117,6 +117,24 @@ class Data:
     def by_difference(self, parameter: str) -> bool:
         """Whether a reference is zero or negative, so that settings are compared by differences."""
         return any(self.reference[parameter, name] <= 0.0 for name in self.environments)
+
+    def differences(self, parameter: str, responses: ArrayLike) -> Array:
+        """Differences of responses in `unit_of_differences`; ratios in the lognormal family."""
+        values = np.asarray(responses, dtype=float)
+        if self.asked.family == "lognormal":
+            with np.errstate(over="ignore"):
+                return np.exp(values)
+        if self.by_difference(parameter):
+            return values * self.scene.model.scale.get(parameter, 1.0)
+        return values
+
+    def unit_of_differences(self, parameter: str) -> str:
+        """Name the unit of differences: empty for ratios, "references" for parts of these."""
+        if self.asked.family == "lognormal":
+            return ""
+        if self.by_difference(parameter):
+            return self.quantities[parameter].unit or "units"
+        return "references"
 
     @cached_property
     def conditions(self) -> Conditions:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import pandas as pd
 
+from percept.errors import UsageError
 from percept.results import (
     AnovaRow,
     Checks,
@@ -23,8 +24,8 @@ from percept.results import (
 )
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.anova import anova_rows, level_values
-from percept.study.contrast_table import chosen_contrasts
+from percept.study.anova import anova_rows
+from percept.study.contrasts import classical_contrasts, level_values
 from percept.study.data import Data
 from percept.study.intervals import COLUMNS, KEYS, classical_rows, method_pairs
 from percept.study.psychophysics import equivalence, psychophysics
@@ -163,38 +164,38 @@ class Inferred:
         """Contrasts of the model's terms; empty without factors and covariates."""
         if not self.scene.terms:
             return ()
-        from percept.study.contrasts import contrast_rows
+        return self._kept("contrast_rows", self._contrasts())
 
-        return self._kept("contrast_rows", contrast_rows(self.data, self.passed))
+    def _contrasts(self) -> Iterator[ContrastRow | Skipped]:
+        if self.data.asked.method != "bayesian":
+            yield from classical_contrasts(self.data)
+        if self.passed is not None:
+            from percept.study.posterior_contrasts import posterior_contrasts
+
+            yield from posterior_contrasts(self.passed)
 
     @property
     def contrasts(self) -> pd.DataFrame:
-        """Contrasts as `contrast` gives them, of all terms; empty without one."""
+        """Contrasts of all terms; empty without one.
+
+        A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias,
+        spread, precision, interaction, level or slope), kind and method. Limits are ratios under
+        the lognormal family; of bias under the normal one they are differences in `unit`.
+        `environment` is None for the average over `references`.
+        """
         return pd.DataFrame(self.contrast_rows)
 
-    def contrast(self, asked: str) -> pd.DataFrame:
-        """Contrasts of one factor, covariate or interaction, of every method.
+    def contrast(self, term: str) -> pd.DataFrame:
+        """Contrasts of a factor, a covariate or an interaction, such as "hand:load".
 
-        Parameters
-        ----------
-        asked : str
-            A factor with two levels, such as "hand: left - right", or the name of a factor, a
-            covariate or an interaction, such as "hand:load", for all that there is of it.
-
-        Returns
-        -------
-        DataFrame
-            A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias,
-            spread, interaction or slope), kind and method. Limits are ratios under the lognormal
-            family; of bias under the normal one they are differences in `unit`. `environment` is
-            None for the average over `references`.
-
-        Raises
-        ------
-        UsageError
-            A factor or a level that the model does not have.
+        UsageError of a term that the model does not have.
         """
-        return pd.DataFrame(chosen_contrasts(self.contrast_rows, asked))
+        rows = [row for row in self.contrast_rows if row.factor == term]
+        if not rows:
+            terms = ", ".join(dict.fromkeys(row.factor for row in self.contrast_rows))
+            hint = f"There are {terms}." if terms else "Name factors in [model] bias."
+            raise UsageError("the model has no such term.", value=term, hint=hint)
+        return pd.DataFrame(rows)
 
     @cached_property
     def levels(self) -> tuple[LevelValues, ...]:

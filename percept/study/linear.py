@@ -147,25 +147,21 @@ def _compared(
     conditions = data.conditions
     cells = _keys(data, trials.environments)
     label = data.quantities[parameter].label
-    for family in comparisons(conditions, factors, cells, label):
-        if isinstance(family, Skipped):
-            yield family
+    for one in comparisons(conditions, factors, cells, label):
+        if isinstance(one, Skipped):
+            yield one
             continue
-        for own in family:
-            yield own, own.of
-            # Where the spread of subjects' effects is one for all levels, a ratio would be falsely
-            # certain.
-            if own.of == "bias" and own.factor in conditions.spread:
-                yield own, "spread"
+        yield one, one.of
+        # Where the spread of subjects' effects is one for all levels, a ratio would be falsely
+        # certain.
+        if one.of == "bias" and one.factor in conditions.spread:
+            yield one, "spread"
     for *_, mean in level_means(conditions, factors, cells):
         yield mean, mean.of
     repeated = repeated_cells(trials, factors)
     precision = f"precision of {label}"
-    for family in comparisons(conditions.precise, factors, repeated, precision, "repeated trials"):
-        if isinstance(family, Skipped):
-            yield family
-        else:
-            yield from ((own, "precision") for own in family)
+    for one in comparisons(conditions.precise, factors, repeated, precision, "repeated trials"):
+        yield one if isinstance(one, Skipped) else (one, "precision")
 
 
 def _slopes(model: LinearModel, data: Data, p: int, sizes: Array) -> Iterator[Contrast]:

@@ -14,7 +14,7 @@ Shapes: S draws of the scales, a few joint draws for each of them, N in all.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ from percept.inference.record import Kind
 from percept.inference.sampling.lines import line_limits
 from percept.results import ContrastRow, Skipped
 from percept.study.basics import Array, Stream, generator
-from percept.study.contrast_table import ContrastTable
+from percept.study.contrasts import contrast_row
 from percept.study.fit import Fit
 from percept.study.linear import Contrast, rows_of
 
@@ -40,11 +40,9 @@ _MOST_REPEATS = 16
 #: of next users.
 _MOST_NUMBERS = 1 << 22
 
-_Tables = Mapping[str, ContrastTable]
 
-
-def posterior_contrasts(fit: Fit, tables: _Tables) -> Iterator[ContrastRow | Skipped]:
-    """Yield every contrast of a fit that passed, by the table of each quantity."""
+def posterior_contrasts(fit: Fit) -> Iterator[ContrastRow | Skipped]:
+    """Yield every contrast of a fit that passed."""
     if fit.contrasts is None:
         what = " and ".join(fit.data.quantities[p].label for p in fit.parameters)
         yield Skipped(f"Bayesian contrasts of {what}", 'they need [model] pooling = "partial"')
@@ -53,15 +51,14 @@ def posterior_contrasts(fit: Fit, tables: _Tables) -> Iterator[ContrastRow | Ski
     groups = [one for one in fit.contrasts if one.is_of_groups]
     if users or groups:
         joint = _joint_draws(fit, [*users, *groups])
-        rows = [list(_rows(fit, users, kind, joint, tables)) for kind in fit.data.asked.kinds]
-        # All kinds of one contrast, then the next one.
-        for of_contrast in zip(*rows, strict=True):
-            yield from of_contrast
-        of_groups = joint.of(slice(len(users), None))
-        yield from _rows(fit, groups, "mean", of_groups, tables, first=len(users))
+        of_fit = fit.all_moments.of(slice(len(fit.model.cells), None))
+        for kind in fit.data.asked.kinds:
+            yield from _rows(fit, users, kind, of_fit, joint)
+        later = slice(len(users), None)
+        yield from _rows(fit, groups, "mean", of_fit.of(later), joint.of(later))
     for contrast in fit.contrasts:
         if contrast.is_ratio:
-            yield from _ratio(fit, contrast, tables[contrast.parameter])
+            yield from _ratio(fit, contrast)
 
 
 class _JointDraws(NamedTuple):
@@ -98,46 +95,41 @@ def _joint_draws(fit: Fit, contrasts: Sequence[Contrast]) -> _JointDraws:
 
 
 def _rows(
-    fit: Fit,
-    contrasts: Sequence[Contrast],
-    kind: Kind,
-    joint: _JointDraws,
-    tables: _Tables,
-    *,
-    first: int = 0,
+    fit: Fit, contrasts: Sequence[Contrast], kind: Kind, moments: Moments, joint: _JointDraws
 ) -> Iterator[ContrastRow]:
-    """Yield the rows of one kind; `first` is the number of contrasts that stand before these."""
+    """Yield the rows of one kind, from the contrasts' moments (S, L) at every draw."""
     found = fit.run.estimates
-    places = [contrast.place for contrast in contrasts]
-    lower, upper = limits_of(found.names, found.value, kind, places)
-    start = len(fit.model.cells) + first
-    moments = fit.all_moments.of(slice(start, start + len(contrasts)))
+    lower, upper = limits_of(found.names, found.value, kind, [one.place for one in contrasts])
     estimate = moments.mean.mean(axis=0)
     user_sd = moments.population_sd if kind == "user" else 0.0
     above = special.ndtr(moments.mean / np.hypot(moments.sd, user_sd)).mean(axis=0)
-    together: dict[int, tuple[float, float]] = {}
+    together: dict[int, Array] = {}
     # Limits of a share hold for one contrast only.
     for members in [] if kind == "share" else _families(contrasts):
         level = joint.of(members).level_of_single(kind, fit.data.asked.level)
         lowers, uppers, _ = Limits(fit.model, level=level).of(kind, moments.of(members))
-        ends = zip(lowers.tolist(), uppers.tolist(), strict=True)
-        together |= zip(members, ends, strict=True)
+        together |= zip(members, np.stack([lowers, uppers], axis=1), strict=True)
     for i, contrast in enumerate(contrasts):
-        evidence = {} if kind == "share" else {"probability_above": float(above[i])}
+        evidence: dict[str, float | None] = {}
+        if kind != "share":
+            evidence["probability_above"] = float(above[i])
         if kind == "mean" and contrast.is_of_users:
             d_z = np.median(moments.mean[:, i] / moments.population_sd[:, i])
             evidence["d_z"] = float(d_z)
         # A slope of the model is for one SD of its covariate, and a row's for one unit of it:
         # `unit` is that SD. It is 1 for all other contrasts, and slopes are in no family.
-        limits = np.array([lower[i], upper[i], estimate[i]]) / contrast.comparison.unit
-        yield tables[contrast.parameter].row(
+        ends = np.array([lower[i], upper[i], estimate[i]]) / contrast.comparison.unit
+        yield contrast_row(
+            fit.data,
+            contrast.parameter,
             contrast.comparison,
-            limits.tolist(),
+            contrast.of,
+            ends,
             contrast.subjects,
             "bayesian",
+            evidence,
             kind,
-            together=together.get(i),
-            **evidence,
+            together.get(i),
         )
 
 
@@ -151,10 +143,8 @@ def _families(contrasts: Sequence[Contrast]) -> list[list[int]]:
     return [members for members in families.values() if len(members) > 1]
 
 
-def _ratio(fit: Fit, contrast: Contrast, table: ContrastTable) -> Iterator[ContrastRow | Skipped]:
+def _ratio(fit: Fit, contrast: Contrast) -> Iterator[ContrastRow | Skipped]:
     """Yield a ratio of SDs, and where its limits miss the tolerance."""
-    if contrast.of == "precision":
-        table = table.of_trials
     second = np.maximum(contrast.row, 0.0)
     first = np.maximum(-contrast.row, 0.0)
 
@@ -173,13 +163,16 @@ def _ratio(fit: Fit, contrast: Contrast, table: ContrastTable) -> Iterator[Contr
             log_sds.append(of_locations)
         return np.asarray(np.hstack(log_sds) @ contrast.row)
 
-    asked = fit.data.asked
+    data = fit.data
     comparison = contrast.comparison
-    limits = line_limits(fit.model, fit.run, log_ratio, asked.level)
+    limits = line_limits(fit.model, fit.run, log_ratio, data.asked.level)
     ends = np.exp([limits.lower, limits.upper, limits.median])
-    yield table.row(comparison, ends.tolist(), contrast.subjects, "bayesian")
-    if limits.error > asked.tolerance:
-        what = f"{table.label}, {comparison.versus}, {comparison.environment or 'overall'}"
-        error = f"{100.0 * limits.error:.2g} %"
-        why = f"the Monte Carlo error of its limits is {error} of a half-width"
-        yield Skipped(f"the tolerance in the ratio of SDs of {what}", why)
+    yield contrast_row(
+        data, contrast.parameter, comparison, contrast.of, ends, contrast.subjects, "bayesian", {}
+    )
+    if limits.error > data.asked.tolerance:
+        label = data.quantities[contrast.parameter].label
+        where = comparison.environment or "overall"
+        what = f"the tolerance in the {contrast.of} of {label}, {comparison.versus}, {where}"
+        why = f"the Monte Carlo error of its limits is {limits.error:.2%} of a half-width"
+        yield Skipped(what, why)

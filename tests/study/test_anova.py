@@ -29,7 +29,7 @@ def effects_of(made):
 @pytest.mark.parametrize("family", ["lognormal", "normal"])
 def test_two_levels_have_the_p_of_the_overall_contrast(family):
     made = study(frame(), family)
-    rows = made.contrast("hand: right - left")
+    rows = made.contrasts.query("of == 'bias'")
     overall = rows[rows["environment"].isna() & (rows["kind"] == "mean")]
     test = effects_of(made)["hand"]
     assert test.p_corrected == pytest.approx(overall["p_value"].item(), rel=1e-9)
@@ -132,7 +132,7 @@ def test_differences_are_in_the_unit_of_the_contrasts():
     made = study(table, "normal", model={"scale": {"k": 5.0}})
     over_all = [row for row in made.levels if row.environment is None]
     levels = {row.level: np.mean(row.values) for row in over_all}
-    rows = made.contrast("hand: right - left")
+    rows = made.contrasts.query("of == 'bias'")
     overall = rows[rows["environment"].isna() & (rows["kind"] == "mean")]
     assert overall["unit"].item() == "N/m"
     expected = overall["estimate"].item()

@@ -21,9 +21,8 @@ from percept.inference.classical.variability import f_limits
 from percept.inference.record import FloatOrArray, Interval, Kind
 
 __all__ = [
-    "GroupContrast",
-    "SpreadRatio",
     "Tost",
+    "TwoSamples",
     "group_contrast",
     "group_spread_ratio",
     "paired_contrast",
@@ -91,27 +90,17 @@ def tost(moments: Moments, lower: float, upper: float) -> Tost:
 
 
 @dataclass(frozen=True)
-class SpreadRatio:
-    """The SD between subjects in the second condition over that in the first."""
+class TwoSamples:
+    """Mean of a second sample less that of a first one, or its SD over that of the first one."""
 
     estimate: float
     lower: float
     upper: float
-    p_value: float  # Of equal SDs, two-sided
+    p_value: float  # Of equal means, or SDs; two-sided
     n: int  # Subjects
 
 
-@dataclass(frozen=True)
-class GroupContrast:
-    """Mean of a second group less that of a first one."""
-
-    estimate: float
-    lower: float
-    upper: float
-    p_value: float  # Of equal means, two-sided
-
-
-def group_contrast(first: Moments, second: Moments, *, level: float) -> GroupContrast:
+def group_contrast(first: Moments, second: Moments, *, level: float) -> TwoSamples:
     """Welch's interval of the difference of the means of two groups with SDs of their own.
 
     Parameters
@@ -123,7 +112,7 @@ def group_contrast(first: Moments, second: Moments, *, level: float) -> GroupCon
 
     Returns
     -------
-    GroupContrast
+    TwoSamples
     """
     variance_first = float(first.sd) ** 2 / float(first.n)
     variance_second = float(second.sd) ** 2 / float(second.n)
@@ -135,10 +124,11 @@ def group_contrast(first: Moments, second: Moments, *, level: float) -> GroupCon
     scale = np.sqrt(variance)
     half = -float(special.stdtrit(freedom, tail_of(level) / 2.0)) * scale
     p_value = 2.0 * float(special.stdtr(freedom, -abs(centre) / scale))
-    return GroupContrast(centre, centre - half, centre + half, p_value)
+    n = int(first.n + second.n)
+    return TwoSamples(centre, centre - half, centre + half, p_value, n)
 
 
-def group_spread_ratio(first: Moments, second: Moments, *, level: float) -> SpreadRatio:
+def group_spread_ratio(first: Moments, second: Moments, *, level: float) -> TwoSamples:
     """F interval of the SD of a second group over that of a first one.
 
     Parameters
@@ -150,7 +140,7 @@ def group_spread_ratio(first: Moments, second: Moments, *, level: float) -> Spre
 
     Returns
     -------
-    SpreadRatio
+    TwoSamples
     """
     df_first = float(first.n) - 1
     df_second = float(second.n) - 1
@@ -158,7 +148,7 @@ def group_spread_ratio(first: Moments, second: Moments, *, level: float) -> Spre
     high, low = f_limits(df_second, df_first, level)
     below = float(special.fdtr(df_second, df_first, ratio**2))
     above = float(special.fdtr(df_first, df_second, ratio**-2))
-    return SpreadRatio(
+    return TwoSamples(
         estimate=ratio,
         lower=ratio / np.sqrt(high),
         upper=ratio / np.sqrt(low),
@@ -194,7 +184,7 @@ def spread_ratio(
     second: Array,
     *,
     level: float,
-) -> SpreadRatio:
+) -> TwoSamples:
     """Ratio of SDs of pairs (n,), by Pitman and Morgan.
 
     Sum and difference of two variables are uncorrelated where their variances are equal. The
@@ -228,7 +218,7 @@ def spread_ratio(
     # larger.
     width = half + np.hypot(half, 1.0)
     t = (ratio - 1.0 / ratio) * np.sqrt(df) / (2.0 * uncorrelated)
-    return SpreadRatio(
+    return TwoSamples(
         estimate=ratio,
         lower=float(ratio / width),
         upper=float(ratio * width),
