@@ -195,7 +195,7 @@ def analyse(job: Job) -> Outcome:
         return encode(job.name, job.key, "refused", str(error))
     except Exception as error:  # noqa: BLE001 - it is this study's, and goes into its row
         return _failed(job.name, job.key, error)
-    rows = intervals.assign(subjects=len(study.sessions.subjects))
+    rows = intervals.drop(columns="covers").assign(subjects=len(study.sessions.subjects))
     if fit is None:
         return encode(job.name, job.key, "done", "", rows)
     gate = fit.run.gate

@@ -108,11 +108,6 @@ def _print_checks(study: Study, say: Callable[[str], str]) -> None:
     if checks is None or checks.loo is None:
         return
     loo = checks.loo
-    if loo.elpd is None:
-        print(say("Predictive density of the subjects left out: unreliable."))
-    else:
-        density = f"{loo.elpd:.1f} ± {loo.se:.1f} nats"
-        print(say(f"Predictive density of the subjects left out: {density}."))
     for message in loo.messages or ("No subject lies far from what the others predict.",):
         print(say(message))
 

@@ -88,12 +88,6 @@ def _model(results: Results) -> Section:
     if record.loo:
         none = f"No {words.subject} lies far from what the others predict."
         sentences += list(misfits(results)) or [none]
-        density = f"unreliable, as a few draws have most of the weight without some {words.subject}"
-        if record.loo.elpd is not None and record.loo.se is not None:
-            density = f"{short(record.loo.elpd, 4)} ± {short(record.loo.se, 2)} nats"
-        sentences.append(
-            f"Log predictive density of the {words.subjects}, each left out in turn: {density}."
-        )
     name: Columns = {capitalised(words.environment): str}
     normality = name | side_by_side(
         record.normality, "environment", ("parameter", "family"), of("p_value", 3)
@@ -186,7 +180,7 @@ def _without(results: Results, loo: LeftOut) -> Table:
         f"The average {words.user} (Bayesian, {level} limits) without the {words.subject} who moves"
         " the estimate most, by the weights of leave-one-out cross-validation."
     )
-    untold = [check.subject for check in loo.subjects if check.elpd is None]
+    untold = [one.subject for one in loo.subjects if one.pareto_k > loo.good_k]
     if untold:
         caption += f" Too few draws tell what it is without {listed(untold, MOST_SHOWN)}."
     return table_of(caption, distinct(rows, "environment"), columns)

@@ -38,7 +38,6 @@ def csv_tables(results: Results) -> dict[str, str]:
         "band": results.band.rows if results.band else (),
         "band_pairs": results.band_pairs or (),
         "psychophysics": results.psychophysics,
-        "pse_lines": results.pse_lines,
         "equivalence": results.equivalence,
         "contrast": results.contrast,
         "anova": results.anova,

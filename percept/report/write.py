@@ -18,7 +18,7 @@ from percept.results import Beside, Results
 _FORMATS = ("svg", "pdf", "png")
 _TABLES = (
     "intervals", "intervals_*", "data", "band", "band_*", "boundaries", "psychophysics",
-    "pse_lines", "equivalence", "contrast", "anova", "memberships", "subjects", "overview",
+    "equivalence", "contrast", "anova", "memberships", "subjects", "overview",
     "overview_other", "verdicts", "centrals", "rendering", "design", "device",
 )  # fmt: skip
 _FIGURES = (

@@ -64,7 +64,6 @@ from percept.results.intervals import (
     LevelValues,
     Measure,
     MethodPair,
-    PseLineRow,
     PsychophysicsRow,
 )
 from percept.results.results import (
@@ -131,7 +130,6 @@ __all__ = [
     "PredictiveCheck",
     "Prior",
     "Provenance",
-    "PseLineRow",
     "PsychophysicsRow",
     "Rendered",
     "RenderedEdge",

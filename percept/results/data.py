@@ -186,35 +186,29 @@ class SubjectCheck:
     """A subject against what the others predict."""
 
     subject: str
-    elpd: float | None  # Log predictive density given the others; None where not to be trusted
-    pareto_k: float | None  # Pareto index of leaving the subject out
+    pareto_k: float  # Pareto index of leaving the subject out
     farther: float  # Probability of lying as far off, or farther
     outlier: bool
 
 
 @dataclasses.dataclass(frozen=True)
 class CellOutlier:
-    """A subject's cell against what the other subjects predict."""
+    """A subject's cell that lies far from what the other subjects predict."""
 
     subject: str
     environment: str
     parameter: str
     value: float  # In the parameter's unit
     below: float  # Predictive probability of a smaller value
-    outlier: bool
 
 
 @dataclasses.dataclass(frozen=True)
 class LeftOut(NotebookRecord):
     """Each subject against what the others predict."""
 
-    #: Expected log predictive density of a new subject, summed over the subjects; None where that
-    #: of one of them is not to be trusted.
-    elpd: float | None
-    se: float | None  # Its standard error
     good_k: float  # Pareto index up to which reweighting is trusted, with this many draws
     subjects: tuple[SubjectCheck, ...]
-    cells: tuple[CellOutlier, ...]  # Only those that are outliers, in report.json
+    cells: tuple[CellOutlier, ...]
     messages: tuple[str, ...]  # Outliers by name, with what to do
 
 

@@ -196,15 +196,6 @@ class PsychophysicsRow(Estimate):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PseLineRow(Estimate):
-    """Point of subjective equality at one reference, on the line about which environments lie."""
-
-    condition: str  # Levels of all factors; empty without factors
-    reference: float  # In `unit`
-    error: float | None  # Monte Carlo standard error of the limits, the larger
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class EquivalenceRow(NotebookRecord):
     """Whether a bias is smaller than one JND, by one method."""
 

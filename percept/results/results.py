@@ -37,7 +37,6 @@ from percept.results.intervals import (
     Ladder,
     LevelValues,
     MethodPair,
-    PseLineRow,
     PsychophysicsRow,
 )
 
@@ -159,8 +158,6 @@ class Results:
     levels: tuple[LevelValues, ...] = ()
     #: Points of equality, thresholds, spreads and reliability
     psychophysics: Annotated[tuple[PsychophysicsRow, ...], Part(of="psychophysics_rows")] = ()
-    #: Points of equality over the reference; empty without three references, and without the model
-    pse_lines: tuple[PseLineRow, ...] = ()
     #: Whether each bias is smaller than one JND; empty without `[study] jnd`
     equivalence: Annotated[tuple[EquivalenceRow, ...], Part(of="equivalence_rows")] = ()
 

@@ -28,7 +28,7 @@ from percept.results import (
     SubjectCheck,
 )
 from percept.sessions.quantities import Quantities
-from percept.study.basics import Array, Stream, generator, known
+from percept.study.basics import Stream, generator, known
 from percept.study.fit import Fit
 
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is
@@ -41,7 +41,7 @@ _MOST_NUMBERS = 1 << 19
 _FEWEST_DRAWS = 1000
 
 
-def model_checks(fit: Fit, *, level: float, seed: int) -> Checks | Skipped:
+def model_checks(fit: Fit) -> Checks | Skipped:
     """Check a fit against its data and priors; or say why not: its intervals stand all the same."""
     subjects = fit.subjects
     if isinstance(subjects, Skipped):
@@ -52,22 +52,20 @@ def model_checks(fit: Fit, *, level: float, seed: int) -> Checks | Skipped:
     except RefusalError as refused:
         return Skipped("checks of the hierarchical model", refused.message.rstrip("."))
     return Checks(
-        normality=(),
+        normality=fit.data.normality,
         loo=subject_tables(fit, subjects, loo, predicted),
-        without=tuple(intervals_without(fit, subjects, loo, level=level)),
-        statistics=_statistics(subjects, fit.points, level=level, seed=seed),
+        without=tuple(_intervals_without(fit, subjects, loo)),
+        statistics=tuple(_statistics(fit, subjects)),
     )
 
 
-def intervals_without(
-    fit: Fit, subjects: SubjectDensity, loo: Loo, *, level: float
-) -> Iterator[IntervalWithout]:
+def _intervals_without(fit: Fit, subjects: SubjectDensity, loo: Loo) -> Iterator[IntervalWithout]:
     """Yield each average user's interval without each subject in turn, by weighted draws."""
     numbers = loo.weights.size * len(fit.column)
     gap = max(1, min(numbers // _MOST_NUMBERS, len(loo.points) // _FEWEST_DRAWS))
     weights = loo.weights[::gap]
     weights = weights / weights.sum(axis=0)
-    found = intervals_left_out(subjects, loo.points[::gap], weights, level)
+    found = intervals_left_out(subjects, loo.points[::gap], weights, fit.data.asked.level)
     of_cells = np.stack(found).reshape(3, len(weights.T), -1)
     trusted = loo.trusted[:, None]
     lower, estimate, upper = np.where(trusted, fit.scale.native(of_cells), np.nan)
@@ -87,16 +85,15 @@ def subject_tables(
     """Name the subjects and cells that lie far from the others."""
     statistics = subjects.density.statistics
     names = statistics.subjects
-    own = []
+    checks = []
     for i, name in enumerate(names):
         check = SubjectCheck(
             subject=name,
-            elpd=float(loo.pointwise[i]) if loo.trusted[i] else None,
             pareto_k=float(loo.pareto_k[i]),
             farther=float(predicted.farther[i]),
             outlier=bool(predicted.farther[i] < FALSE_ALARM / len(names)),
         )
-        own.append(check)
+        checks.append(check)
     means = statistics.cell_means
     by_cell = means.reshape(len(means), -1)
     value = fit.scale.native(by_cell).reshape(means.shape)
@@ -104,24 +101,21 @@ def subject_tables(
     present = np.argwhere(np.isfinite(means)).tolist()
     for i, p, j in present:
         below = float(predicted.below[i, p, j])
+        if 2.0 * min(below, 1.0 - below) >= FALSE_ALARM / len(present):
+            continue
         cell = CellOutlier(
             subject=names[i],
             environment=statistics.environments[j],
             parameter=statistics.parameters[p],
             value=float(value[i, p, j]),
             below=below,
-            outlier=2.0 * min(below, 1.0 - below) < FALSE_ALARM / len(present),
         )
         cells.append(cell)
-    # A sum with terms that nobody can trust is not known either.
-    is_known = bool(loo.trusted.all())
     return LeftOut(
-        elpd=loo.elpd if is_known else None,
-        se=loo.se if is_known else None,
         good_k=loo.good_k,
-        subjects=tuple(own),
+        subjects=tuple(checks),
         cells=tuple(cells),
-        messages=tuple(_messages(own, cells, fit.data.quantities)),
+        messages=tuple(_messages(checks, cells, fit.data.quantities)),
     )
 
 
@@ -138,33 +132,30 @@ def _messages(
                 f" {100.0 * check.farther:.2g} %. Check that session."
             )
     for cell in cells:
-        if cell.outlier:
-            side = "below" if cell.below < 0.5 else "above"
-            quantity = quantities[cell.parameter]
-            yield (
-                f"{cell.subject} set {quantity.label} in {cell.environment} to "
-                f"{quantity.amount(cell.value)}, far {side} what the others predict."
-            )
+        side = "below" if cell.below < 0.5 else "above"
+        quantity = quantities[cell.parameter]
+        yield (
+            f"{cell.subject} set {quantity.label} in {cell.environment} to "
+            f"{quantity.amount(cell.value)}, far {side} what the others predict."
+        )
 
 
-def _statistics(
-    subjects: SubjectDensity, points: Array, *, level: float, seed: int
-) -> tuple[PredictiveCheck, ...]:
+def _statistics(fit: Fit, subjects: SubjectDensity) -> Iterator[PredictiveCheck]:
     """Compare each cell's mean, SD and farthest subject with new studies from the posterior."""
-    stride = max(1, len(points) // _REPLICATES)
-    rng = generator(seed, Stream.CHECKED_STATISTICS)
-    studies = new_studies(subjects, points[::stride], rng)
+    asked = fit.data.asked
+    stride = max(1, len(fit.points) // _REPLICATES)
+    rng = generator(asked.seed, Stream.CHECKED_STATISTICS)
+    studies = new_studies(subjects, fit.points[::stride], rng)
     drawn = np.concatenate([statistics_of(cell_means) for cell_means in studies])
     statistics = subjects.density.statistics
     observed = statistics_of(statistics.cell_means)
-    ends = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
+    ends = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]
     lower, upper = np.quantile(drawn, ends, axis=0)
     above = (drawn > observed).mean(axis=0)
     unusual = ~((lower <= observed) & (observed <= upper))
-    checks = []
     for j, p, s in np.argwhere(np.isfinite(observed).transpose(2, 1, 0)).tolist():
         index = (s, p, j)
-        check = PredictiveCheck(
+        yield PredictiveCheck(
             environment=statistics.environments[j],
             parameter=statistics.parameters[p],
             statistic=STATISTICS[s],
@@ -174,5 +165,3 @@ def _statistics(
             above=float(above[index]),
             unusual=bool(unusual[index]),
         )
-        checks.append(check)
-    return tuple(checks)

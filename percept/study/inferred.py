@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 import pandas as pd
 
-from percept.errors import UsageError
 from percept.results import (
     AnovaRow,
     Checks,
@@ -18,7 +17,6 @@ from percept.results import (
     Ladder,
     LevelValues,
     MethodPair,
-    PseLineRow,
     PsychophysicsRow,
     Skipped,
 )
@@ -27,7 +25,7 @@ from percept.sessions import Sessions
 from percept.study.anova import anova_rows
 from percept.study.contrasts import classical_contrasts, level_values
 from percept.study.data import Data
-from percept.study.intervals import COLUMNS, KEYS, classical_rows, method_pairs
+from percept.study.intervals import COLUMNS, classical_rows, method_pairs
 from percept.study.psychophysics import equivalence, psychophysics
 from percept.study.responses import refuse_lone_subject
 
@@ -119,11 +117,6 @@ class Inferred:
         return table.astype({"reference": float})
 
     @property
-    def interpretation(self) -> pd.DataFrame:
-        """What each row of `intervals` covers, in a sentence."""
-        return pd.DataFrame(self.interval_rows, columns=[*KEYS, "covers"])
-
-    @property
     def comparison(self) -> tuple[MethodPair, ...] | None:
         """The methods' intervals in equal family and kind; None without both methods."""
         if self.passed is None or self.data.asked.method != "both":
@@ -139,15 +132,6 @@ class Inferred:
     def psychophysics(self) -> pd.DataFrame:
         """Points of equality, thresholds, spreads and reliability, one row each."""
         return pd.DataFrame(self.psychophysics_rows)
-
-    @cached_property
-    def pse_lines(self) -> tuple[PseLineRow, ...]:
-        """Points of equality over the reference; empty without the model."""
-        if self.passed is None:
-            return ()
-        from percept.study.psychophysics.lines import posterior_lines
-
-        return self._kept("pse_lines", posterior_lines(self.passed))
 
     @cached_property
     def equivalence_rows(self) -> tuple[EquivalenceRow, ...]:
@@ -184,18 +168,6 @@ class Inferred:
         `environment` is None for the average over `references`.
         """
         return pd.DataFrame(self.contrast_rows)
-
-    def contrast(self, term: str) -> pd.DataFrame:
-        """Contrasts of a factor, a covariate or an interaction, such as "hand:load".
-
-        UsageError of a term that the model does not have.
-        """
-        rows = [row for row in self.contrast_rows if row.factor == term]
-        if not rows:
-            terms = ", ".join(dict.fromkeys(row.factor for row in self.contrast_rows))
-            hint = f"There are {terms}." if terms else "Name factors in [model] bias."
-            raise UsageError("the model has no such term.", value=term, hint=hint)
-        return pd.DataFrame(rows)
 
     @cached_property
     def levels(self) -> tuple[LevelValues, ...]:
@@ -236,16 +208,14 @@ class Inferred:
 
     @cached_property
     def checks(self) -> Checks | None:
-        """Checks of the hierarchical model; None without a passed fit that pools sessions."""
-        if self.passed is None:
-            return None
-        from percept.study.checks import model_checks
+        """Tests of normality, and checks of a passed fit that pools sessions; None without."""
+        if self.passed is not None:
+            from percept.study.checks import model_checks
 
-        asked = self.data.asked
-        found = self._kept(
-            "checks", [model_checks(self.passed, level=asked.level, seed=asked.seed)]
-        )
-        return next(iter(found), None)
+            for found in self._kept("checks", [model_checks(self.passed)]):
+                return found
+        normality = self.data.normality
+        return Checks(normality=normality) if normality else None
 
     @cached_property
     def ladder(self) -> Ladder | None:

@@ -13,8 +13,8 @@ from percept.results import IntervalRow, MethodPair, Skipped
 from percept.study.basics import IF_BY_TRIAL, claim_of, known
 from percept.study.data import Data
 
-COLUMNS = ["environment", "parameter", *(name for name in ROW if name != "covers"), "reference"]
-KEYS = COLUMNS[:6]
+#: Of the table of intervals.
+COLUMNS = ["environment", "parameter", *ROW, "reference"]
 
 
 def classical_rows(data: Data) -> Iterator[IntervalRow | Skipped]:

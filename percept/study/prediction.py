@@ -38,11 +38,8 @@ class Prediction(NotebookRecord):
     """What the hierarchical model expects of an untested environment."""
 
     environment: str  #: Its name; with factors, the rows name its conditions too
-    decades: dict[str, float]  #: log10 of each reference over the geometric mean of those tested
     #: Decades by which each reference lies above the tested range; negative below.
     beyond: dict[str, float]
-    nearest: str  #: The tested environment whose references are nearest
-    distance: float  #: How far that is, decades
     #: As `percept.Study.intervals`, and `monte_carlo`, the error of the limits over the half-width.
     intervals: pd.DataFrame
     boundaries: tuple[Boundary, ...]  #: Of abs(Z_h); empty without a device
@@ -63,11 +60,9 @@ class Prediction(NotebookRecord):
                 side = "above" if decades > 0 else "below"
                 label = self.quantities[name].label
                 outside.append(f"{label} lies {abs(decades):.2g} decades {side} the tested range")
-        away = f"{self.nearest}, {self.distance:.2g} decades away"
-        nearest = f"the nearest tested environment is {away}"
         if outside:
-            return f"Extrapolation: {' and '.join(outside)}; {nearest}."
-        return f"Inside the tested range of each parameter; {nearest}."
+            return f"Extrapolation: {' and '.join(outside)}."
+        return "Inside the tested range of each parameter."
 
 
 def predict(
@@ -110,10 +105,6 @@ def predict(
     decades = log - tested.mean(axis=1)
     above = np.maximum(log - tested.max(axis=1), 0.0)
     below = np.minimum(log - tested.min(axis=1), 0.0)
-    distances = np.hypot.reduce(tested - log[:, None], axis=0)
-    nearest = fit.environments[distances.argmin()]
-    if study.sessions.factors is not None:
-        nearest, _ = study.sessions.factors.cells[nearest]
     rng = generator(data.asked.seed, Stream.NEW_ENVIRONMENT)
     expected = new_environment(fit.model, fit.points, decades, repeats=_REPEATS, rng=rng)
     scale = ResponseScale.of(values, data.asked.family)
@@ -144,10 +135,7 @@ def predict(
         skipped += drawing.skipped
     return Prediction(
         environment=new_name(""),
-        decades=dict(zip(data.parameters, decades.tolist(), strict=True)),
         beyond=dict(zip(data.parameters, (above + below).tolist(), strict=True)),
-        nearest=nearest,
-        distance=float(distances.min()),
         intervals=pd.DataFrame(rows).assign(monte_carlo=errors),
         boundaries=boundaries,
         skipped=tuple(skipped),

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from percept import results
 from percept.results import (
-    Checks,
     Diagnostics,
     GateVerdict,
     LeftOutRow,
@@ -98,16 +97,6 @@ def provenance_of(sessions: Sessions, scene: Scene) -> Provenance:
     for source in sessions.sources:
         files.append(SourceFile(PurePath(source.name).name, source.sha256, source.rows))
     return Provenance(versions, scene.inference.seed, tuple(files), plain(scene.to_dict()))
-
-
-def checks_of(data: Data, model: Checks | None) -> Checks | None:
-    """Put the tests of normality and the checks of the hierarchical model together."""
-    if model is None or model.loo is None:
-        return Checks(normality=data.normality) if data.normality else None
-    # A row per subject, environment and parameter would be most of report.json.
-    outliers = tuple(cell for cell in model.loo.cells if cell.outlier)
-    loo = dataclasses.replace(model.loo, cells=outliers)
-    return dataclasses.replace(model, normality=data.normality, loo=loo)
 
 
 def diagnostics_of(fit: Fit | None) -> Diagnostics | None:

@@ -40,9 +40,9 @@ _MOST_ENVIRONMENTS = 1_000
 #: Parts that may skip something, in the order in which `Study.skipped` lists it.
 _SKIPPING = (
     "interval_rows", "fit", "with_reference", "setup", "zoom_windows", "contrast_rows", "anova",
-    "banded", "pairs", "psychophysics_rows", "pse_lines", "equivalence_rows", "without_maps",
+    "banded", "pairs", "psychophysics_rows", "equivalence_rows", "without_maps",
 )  # fmt: skip
-_CELL = ["environment", "parameter", "kind"]
+_ABOUT = ["environment", "parameter", "kind", "family", "unit", "reference"]
 _LIMITS = ["estimate", "lower", "upper"]
 
 
@@ -137,20 +137,18 @@ class Study(Displayed):
             `METHOD_upper` in that unit. The family is the scene's, or the other one where it has no
             interval. Limits hold for each parameter by itself.
         """
-        intervals = self.intervals
         kinds = select("kind", kind, self.data.asked.kinds)
-        rows = intervals[(intervals["joint"] == "marginal") & intervals["kind"].isin(kinds)]
-        own = rows["family"] == self.data.asked.family
+        cells: dict[tuple[str, str, str], dict[str, object]] = {}
         # Where the scene's family has no interval at all, the other one stands in.
-        known = pd.MultiIndex.from_frame(rows[own][_CELL])
-        rows = rows[own | ~pd.MultiIndex.from_frame(rows[_CELL]).isin(known)]
-        table = rows.drop_duplicates(_CELL)[[*_CELL, "family", "unit", "reference"]]
-        for method, found in rows.groupby("method", sort=False):
-            named = found[[*_CELL, *_LIMITS]].rename(
-                columns={name: f"{method}_{name}" for name in _LIMITS}
-            )
-            table = table.merge(named, on=_CELL, how="left")
-        return table.reset_index(drop=True)
+        of_family = [row for row in self.interval_rows if row.family == self.data.asked.family]
+        for row in (*of_family, *self.interval_rows):
+            if row.joint != "marginal" or row.kind not in kinds:
+                continue
+            about = {name: getattr(row, name) for name in _ABOUT}
+            line = cells.setdefault((row.environment, row.parameter, row.kind), about)
+            if row.family == line["family"]:
+                line |= {f"{row.method}_{name}": getattr(row, name) for name in _LIMITS}
+        return pd.DataFrame(cells.values())
 
     # All of it, as a report takes it.
 
@@ -172,7 +170,7 @@ class Study(Displayed):
     @property
     def all_checks(self) -> Checks | None:
         """Tests of normality and checks of the model, where the scene asks for checks."""
-        return None if self.scene.checks is None else records.checks_of(self.data, self.checks)
+        return None if self.scene.checks is None else self.checks
 
     def results(
         self,
@@ -265,11 +263,8 @@ class Study(Displayed):
     def coupling(self) -> Coupling:
         """The coupling by the paper, Eq. 10 and its rule; RefusalError without a coupling."""
         if self.coupling_row is None:
-            skipped = self.skipped_before_curves
-            why = next((part.why for part in skipped if part.what.startswith("coupling")), "")
             raise RefusalError(
-                f"there is no coupling: {why or 'the scene has no [device]'}.",
-                hint="Give the scene a [device] and a [coupling].",
+                "there is no coupling.", hint="Give the scene a [device] and a [coupling]."
             )
         return self.coupling_row
 

@@ -15,7 +15,7 @@ def test_extrapolation_is_said_in_both_forms(capsys):
     words = ["predict", *LOOSE, "--k", "1e6", "--b", "12"]
     assert main(words) == 0
     text = capsys.readouterr().out
-    assert text.startswith("Extrapolation: stiffness lies 1.3 decades above the tested range; ")
+    assert text.startswith("Extrapolation: stiffness lies 1.3 decades above the tested range.\n")
     assert [line.split(":")[0] for line in text.splitlines()[-4:-1]] == ["mean", "user", "share"]
     assert "6 boundaries of abs(Z_h)" in text
     assert main([*words, "--json"]) == 0

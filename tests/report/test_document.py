@@ -42,7 +42,6 @@ def test_it_has_every_part_and_only_json_values(both):
         "anova",
         "levels",
         "psychophysics",
-        "pse_lines",
         "equivalence",
         "impedances",
         "close_impedances",

@@ -70,7 +70,6 @@ def test_an_environment_nobody_tested_is_predicted_in_each_condition(parts):
     made = study(frame(trials=1, levels=("left", "right", "both"), subjects=5))
     again = Study(made.sessions, made.scene.with_inference(**ASKED), store=SHARED)
     prediction = predict(again, stiffness=100.0)
-    assert (prediction.nearest, prediction.distance) == ("VE2", 0.0)
     users = prediction.intervals.query("kind == 'user'").set_index("environment")
     tested = parts.intervals.query("kind == 'user'").set_index("environment")
     assert list(users.index) == ["new (left)", "new (right)", "new (both)"]

@@ -20,7 +20,7 @@ def effect(made, factor):
 
 
 def means(made, factor):
-    rows = made.contrast(factor)
+    rows = made.contrasts.query("factor == @factor")
     levels = rows[(rows["of"] == "level") & (rows["kind"] == "mean")]
     return dict(zip(levels["second"], levels["estimate"], strict=True))
 
@@ -30,7 +30,7 @@ def test_student_s_sleepers():
     made = analysed("sleep")
     found = means(made, "drug")
     assert {name: round(mean, 2) for name, mean in found.items()} == {"first": 0.75, "second": 2.33}
-    rows = made.contrast("drug")
+    rows = made.contrasts
     (row,) = rows[(rows["of"] == "bias") & (rows["kind"] == "mean")].to_dict("records")
     assert round(row["estimate"], 2) == 1.58
     assert row["unit"] == "h"

@@ -1,14 +1,11 @@
 import numpy as np
-import pandas as pd
 import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.errors import UsageError
 from tests import DATASETS
-from tests.documents import build_document
 
 SESSIONS = DATASETS / "hbfd_sessions.csv"
-KEYS = ["environment", "parameter", "kind", "method", "family", "joint"]
 
 
 def classical(sessions=None, **inference):
@@ -32,17 +29,6 @@ def test_a_coupling_prints_a_line_per_number_and_no_array():
     assert "  read_at: 10" in lines
     assert "  eq10: not met" in lines
     assert not any(line.startswith("  omega:") for line in lines)
-
-
-def test_sentences_stand_beside_the_intervals():
-    study = classical()
-    assert "covers" not in study.intervals
-    said = study.interpretation
-    pd.testing.assert_frame_equal(said[KEYS], study.intervals[KEYS])
-    assert list(said.columns) == [*KEYS, "covers"]
-    rows = build_document(study, curves=False)["intervals"]
-    assert [row["covers"] for row in rows] == said["covers"].tolist()
-    assert "average user" in said.loc[said["kind"] == "mean", "covers"].iloc[0]
 
 
 @pytest.mark.parametrize("kind", ["user", None])

@@ -125,17 +125,6 @@ class Loo:
         """Whether the weights of leaving each subject out can be trusted, (N,)."""
         return self.pareto_k <= self.good_k
 
-    @property
-    def elpd(self) -> float:
-        """Sum of `pointwise`."""
-        return float(self.pointwise.sum())
-
-    @property
-    def se(self) -> float:
-        """Standard error of `elpd` as an estimate for other subjects of the same population."""
-        variance = self.pointwise.var(ddof=1)
-        return float(np.sqrt(self.pointwise.size * variance))
-
 
 @dataclass(frozen=True, eq=False)
 class Predicted:

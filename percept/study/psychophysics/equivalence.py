@@ -56,14 +56,14 @@ def _jnd(data: Data, where: tuple[str, str]) -> float | Skipped:
     return jnd * abs(reference)
 
 
-def _ends(reference: float, jnd: float, *, log: bool) -> tuple[float, float]:
+def _ends(reference: float, jnd: FloatOrArray, *, log: bool) -> Array:
     """Return the values one JND below and above a reference, or their logarithms."""
-    lower = reference - jnd
-    upper = reference + jnd
+    ends = np.stack([reference - np.asarray(jnd), reference + np.asarray(jnd)])
     if not log:
-        return lower, upper
-    # No positive value lies a whole reference below it.
-    return math.log(lower) if lower > 0.0 else -math.inf, math.log(upper)
+        return ends
+    with np.errstate(divide="ignore"):
+        # No positive value lies a whole reference below it.
+        return np.log(np.maximum(ends, 0.0))
 
 
 def _classical(data: Data, cell: Cell) -> EquivalenceRow | Skipped:
@@ -79,7 +79,7 @@ def _classical(data: Data, cell: Cell) -> EquivalenceRow | Skipped:
     if isinstance(jnd, Skipped):
         return jnd
     ends = _ends(data.reference[where], jnd, log=asked.family == "lognormal")
-    tests = tost(cell.moments.on_scale(asked.family), *ends)
+    tests = tost(cell.moments.on_scale(asked.family), *ends.tolist())
     within = float(tests.p_within)
     beyond = float(tests.p_beyond)
     size = 1.0 - asked.decision
@@ -97,26 +97,19 @@ def _posterior(
     c = fit.column[where]
     scale = fit.scale.at(c)
     size: float | None = None
-    ends: tuple[FloatOrArray, FloatOrArray]
-    if data.scene.study.jnd[where[0]] != "trials":
-        jnd = _jnd(data, where)
-        if isinstance(jnd, Skipped):
-            return jnd
-        size = jnd
-        lower, upper = _ends(data.reference[where], jnd, log=scale.log)
-        origin = float(np.log(scale.origin) if scale.log else scale.origin)
-        unit = float(scale.unit)
-        ends = ((lower - origin) / unit, (upper - origin) / unit)
-    elif trial_sd is not None:
-        ends = (-trial_sd, trial_sd)
-        if scale.log:
-            # As far below the reference as above it, in the quantity's unit.
-            with np.errstate(divide="ignore"):
-                ends = (np.log(np.maximum(2.0 - np.exp(trial_sd), 0.0)), trial_sd)
+    jnd: FloatOrArray
+    if data.scene.study.jnd[where[0]] == "trials":
+        if trial_sd is None:
+            what = f"whether {data.quantities[where[0]].label} of {where[1]} is within one JND"
+            return Skipped(f"{what} from trials", "without repeated trials there is none")
+        jnd = scale.native(trial_sd) - scale.origin
     else:
-        label = data.quantities[where[0]].label
-        what = f"whether {label} of {where[1]} is within one JND from trials"
-        return Skipped(what, "without repeated trials there is none")
+        found = _jnd(data, where)
+        if isinstance(found, Skipped):
+            return found
+        jnd = size = found
+    origin = np.log(scale.origin) if scale.log else scale.origin
+    ends = (_ends(data.reference[where], jnd, log=scale.log) - origin) / scale.unit
     mean = fit.moments.mean[:, c]
     sd = fit.moments.sd[:, c]
     inside = special.ndtr((ends[1] - mean) / sd) - special.ndtr((ends[0] - mean) / sd)

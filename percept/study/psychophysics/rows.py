@@ -47,23 +47,22 @@ class Place:
 
         Points of equality are in that unit, SDs are of responses, and the rest are pure numbers.
         """
-        if measure == "pse":
-            yield self._row(measure, bounded, self.quantity.unit)
-        elif measure == "sd_subjects":
-            if not math.isnan(self._reference):
-                yield self._row(measure, mapped(bounded, self._step), self.quantity.unit)
-        elif not measure.startswith("sigma"):
-            yield self._row(measure, bounded, approximate=approximate)
-        else:
-            yield self._sigma(measure, bounded, approximate=approximate)
-        if measure == "sigma_e" and self.subject is not None and not self._by_difference:
-            log = self.data.asked.family == "lognormal"
-            yield self._row("weber", mapped(bounded, np.expm1) if log else bounded)
-        if measure == "sigma_e" and not math.isnan(self._reference):
+        unit = self.quantity.unit if measure in ("pse", "sd_subjects") else ""
+        if measure == "sd_subjects":
+            if math.isnan(self._reference):
+                return
+            bounded = mapped(bounded, self._step)
+        yield self._row(measure, bounded, unit, approximate=approximate)
+        if measure == "sigma_e":
             yield from self._thresholds(bounded)
 
     def _thresholds(self, sd: Bounded) -> Iterator[PsychophysicsRow]:
         """Yield the thresholds made of the SD between trials."""
+        if math.isnan(self._reference):
+            if self.subject is not None and not self._by_difference:
+                log = self.data.asked.family == "lognormal"
+                yield self._row("weber", mapped(sd, np.expm1) if log else sd)
+            return
         step = mapped(sd, self._step)
         yield self._row("jnd", step, self.quantity.unit)
         size = abs(self._reference)
@@ -71,13 +70,6 @@ class Place:
             yield self._row("weber", mapped(step, lambda values: values / size))
         quartile = mapped(sd, lambda values: self._step(_QUARTILE * values))
         yield self._row("jnd_quartile", quartile, self.quantity.unit)
-
-    def _sigma(self, measure: Measure, sd: Bounded, *, approximate: bool) -> PsychophysicsRow:
-        """Make the row of an SD of responses, in the quantity's unit if they are differences."""
-        if not self._by_difference:
-            return self._row(measure, sd, approximate=approximate)
-        native = mapped(sd, lambda values: values * self.unit)
-        return self._row(measure, native, self.quantity.unit, approximate=approximate)
 
     def _step(self, sd: Array) -> Array:
         """Return how far SDs of responses lead from the reference, in the quantity's unit."""
@@ -104,7 +96,10 @@ class Place:
         *,
         approximate: bool = False,
     ) -> PsychophysicsRow:
-        """Make a row of a measure."""
+        """Make a row; SDs of responses are in the quantity's unit if they are differences."""
+        if measure.startswith("sigma") and self._by_difference:
+            bounded = mapped(bounded, lambda values: values * self.unit)
+            unit = self.quantity.unit
         return PsychophysicsRow(
             environment=self.environment,
             subject=self.subject,

@@ -34,8 +34,6 @@ def test_pointwise_densities_are_ratios_of_evidences():
     exact = evidence_ratios(RESPONSE)
     # Even draws: what is left is the smoothing of the largest weights.
     np.testing.assert_allclose(found.pointwise, exact, atol=5e-3)
-    assert found.elpd == pytest.approx(exact.sum(), abs=1e-2)
-    assert found.se == pytest.approx(np.sqrt(8 * found.pointwise.var(ddof=1)))
     assert found.good_k == pytest.approx(0.7)
     assert (found.pareto_k < found.good_k).all()
     np.testing.assert_allclose(found.weights.sum(axis=0), 1.0)
