@@ -186,8 +186,6 @@ def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progres
         print_table(of_comparison, _CONTRAST, head=head)
     if tests:
         print_table(tests, _ANOVA, head=f"Analysis of variance. {_ANOVA_LEGEND}")
-        assumptions = dict.fromkeys(row.assumes for row in tests)
-        show("\n".join(["It assumes:", *assumptions]))
 
 
 def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> None:

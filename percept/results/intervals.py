@@ -119,14 +119,12 @@ class AnovaRow(NotebookRecord):
     df_error: float
     p_value: float
     epsilon: float  # Greenhouse and Geisser's; 1 with one contrast, and between subjects
-    huynh_feldt: float  # Huynh and Feldt's, at most 1
     df_corrected: float  # Times `epsilon`, as is that of the error
     df_error_corrected: float
     p_corrected: float
     partial_eta2: float
     generalised_eta2: float
     n: int  # Subjects
-    assumes: str  # What the test takes for granted, in a sentence
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import RefusalError
-from percept.inference.classical.anova import Effect, anova
+from percept.inference.classical.anova import anova
 from percept.results import AnovaRow, Skipped
 from percept.sessions.records import Factors
 from percept.study.basics import Array
@@ -77,7 +77,6 @@ def _tests(
                 parameter=data.parameters[0],
                 family="lognormal" if data.scale.log else "normal",
                 n=len(values),
-                assumes=_assumes(effect, conditions),
                 **{name: value for name, value in vars(effect).items() if name != "factors"},
             )
 
@@ -110,18 +109,3 @@ def _values(
             " data.",
         )
     return table
-
-
-def _assumes(effect: Effect, conditions: Conditions) -> str:
-    """Say in a sentence what a test assumes."""
-    of_subjects = "means" if conditions.between.issuperset(effect.factors) else "contrasts"
-    claims = [f"Subjects' {of_subjects} are normal"]
-    several = effect.epsilon < 1.0
-    if conditions.between:
-        claims.append(f"with one {'covariance' if several else 'variance'} in all groups")
-    text = " ".join(claims) + "."
-    if several:
-        text += " The corrected p allows for contrasts of unequal variance."
-    if conditions.covariates:
-        text += f" It leaves {' and '.join(conditions.covariates)} out."
-    return text

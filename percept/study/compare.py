@@ -33,6 +33,7 @@ _SAME = (
     " different people, is left out."
 )
 _CURVE_LABELS = ("environment", "kind", "method", "family")
+_LABELS = ("environment", "parameter", "kind", "method", "family", "joint")
 #: Frequencies that curves are compared at, some 80 a decade over the usual range.
 _POINTS = 241
 #: Fraction of the upper limit that a lower one counts as: zero has no logarithm.
@@ -93,18 +94,31 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
     notes = [_SAME] if same else list(_in_common(first.sessions, second.sessions))
     notes += _left_out(first.data.environments, second.data.environments)
     notes += _left_out(first.data.parameters, second.data.parameters)
-    keys = ["environment", "parameter", "kind", "method", "family", "joint"]
-    columns = [*keys, "lower", "upper"]
-    intervals = first.intervals[columns].merge(
-        second.intervals[columns], on=keys, suffixes=("_a", "_b")
-    )
-    width_a = intervals["upper_a"] - intervals["lower_a"]
-    width_b = intervals["upper_b"] - intervals["lower_b"]
-    intervals["width_ratio"] = width_b / width_a
     differences = [] if same else [*_classical(first, second), *_bayesian(first, second)]
     notes += _without_difference(first, second, differences)
     curves = pd.DataFrame(_gaps(first, second))
-    return PairComparison(intervals, pd.DataFrame(differences), curves, tuple(notes))
+    return PairComparison(
+        _intervals(first, second), pd.DataFrame(differences), curves, tuple(notes)
+    )
+
+
+def _intervals(first: Study, second: Study) -> pd.DataFrame:
+    """Limits that both studies have, and their widths' ratio."""
+    of_b = {tuple(getattr(row, name) for name in _LABELS): row for row in second.interval_rows}
+    rows = []
+    for a in first.interval_rows:
+        key = tuple(getattr(a, name) for name in _LABELS)
+        if key in of_b:
+            b = of_b[key]
+            limits = {
+                "lower_a": a.lower,
+                "upper_a": a.upper,
+                "lower_b": b.lower,
+                "upper_b": b.upper,
+            }
+            ratio = (b.upper - b.lower) / (a.upper - a.lower)
+            rows.append(dict(zip(_LABELS, key, strict=True)) | limits | {"width_ratio": ratio})
+    return pd.DataFrame(rows)
 
 
 def _left_out(of_a: Sequence[str], of_b: Sequence[str]) -> Iterator[str]:

@@ -213,7 +213,6 @@ ESCAPE = "\x1b[2J\u202e"
         ["compare", "a", "--by", "hand"],
         ["compare", "a", "--by", f"eye{ESCAPE}"],
         ["report", "a"],
-        ["predict", "a", "--k", "500", "--b", "2"],
         ["fit", "a", "--json"],
         ["compare", "a", "--by", f"eye{ESCAPE}", "--json"],
     ],
@@ -233,9 +232,8 @@ def test_no_name_moves_the_terminal_s_cursor(folder, tmp_path, capsys, words):
     table.assign(k_adj=1.1 * table["k_adj"]).to_csv(tmp_path / f"b{ESCAPE}.csv", index=False)
     files = {name: str(tmp_path / f"{name}{ESCAPE}.csv") for name in ("a", "b")}
     arguments = [files.get(word, word) for word in words]
-    method = [] if words[0] == "predict" else ["--method", "classical"]
-    out = [] if words[0] in ("compare", "predict") else ["--out", str(tmp_path / "out")]
-    main([*arguments, *method, "--tolerance", "0.3", *out])
+    out = [] if words[0] == "compare" else ["--out", str(tmp_path / "out")]
+    main([*arguments, "--method", "classical", *out])
     captured = capsys.readouterr()
     escaped = r"\u001b[2J\u202e" if "--json" in words else r"\x1b[2J\u202e"
     assert escaped in captured.out

@@ -11,11 +11,10 @@ from scipy import stats
 
 from percept import Scene, Study, UsageError, read_sessions
 from percept.report.contrast import contrast_sentences
-from percept.report.tables import csv_tables
-from percept.sessions import ReadError, Sessions
+from percept.sessions import Sessions
 from percept.study.conditions import by_level
 from tests import DATASETS
-from tests.documents import as_results, build_document, page_of
+from tests.documents import build_document, page_of
 from tests.study.within import crossed, frame, study
 
 
@@ -106,13 +105,6 @@ def test_contrasts_without_a_ratio_are_in_the_quantity_s_unit(reference):
         assert "references, <data" not in page
 
 
-def test_a_trial_may_have_its_number_at_every_level():
-    with pytest.raises(ReadError, match="repeat a subject, session"):
-        Sessions.from_frame(frame())
-    with pytest.raises(ReadError, match="is already in"):
-        study(frame().iloc[[0, *range(24)]])
-
-
 def test_what_has_no_contrast_is_named():
     table = frame()
     table.loc[0, "k_adj"] = 0.0
@@ -167,21 +159,6 @@ def test_slopes_that_the_classical_method_lacks_are_named():
     why = why_skipped(crossed(), "hand * load + dose")
     said = "only the hierarchical model estimates slopes"
     assert why["classical slope of stiffness on dose"] == said
-
-
-def test_the_first_screen_has_the_clearest_pair_of_levels():
-    results = study(frame(levels=("a", "b", "c"))).results()
-    (sentence,) = contrast_sentences(results)
-    rows = [
-        row
-        for row in results.contrast
-        if (row.of, row.kind, row.environment) == ("bias", "mean", None)
-    ]
-    clearest = max(rows, key=lambda row: abs(row.estimate - 1.0) / (row.upper - row.lower))
-    assert sentence.startswith(
-        f"{clearest.second.upper()} and {clearest.first} do not differ clearly in the stiffness:"
-        f" {clearest.estimate:.3g} times (95 %"
-    )
 
 
 @pytest.mark.parametrize(
@@ -261,32 +238,6 @@ def test_factors_that_cannot_be_told_apart_are_refused():
     mixed = frame(levels=("b) (c", "c")).replace({"environment": names})
     with pytest.raises(UsageError, match="two cells would have the name"):
         study(mixed)
-
-
-def test_the_page_has_a_section_of_the_factor():
-    made = study(frame())
-    document = build_document(made)
-    assert len(document["contrast"]) == 4 * 4 + 2 * 3
-    page = page_of(document)
-    assert "Differences between levels of hand" in page
-    assert (
-        "Levels of hand were compared by paired t-intervals of the log ratios within each" in page
-    )
-    assert re.fullmatch(
-        r"The stiffness is 1\.\d+ times as large for right as for left \(95 %: \S+ to \S+\)\.|"
-        r"Right and left do not differ clearly in the stiffness: .*",
-        document["summary"]["sentences"][0],
-    )
-    assert document["data"]["references"] == 3
-    assert "to match 3 environments at each of 2 levels of hand" in page
-    overall = next(i for i, row in enumerate(document["contrast"]) if row["environment"] is None)
-    assert f'<data value="{document["contrast"][overall]["lower"]}">' in page
-    rows = csv_tables(as_results(document))["contrast.csv"].splitlines()
-    assert len(rows) == 1 + len(document["contrast"])
-    assert "VE1; VE2; VE3" in rows[1 + overall]
-    without = page_of(document | {"contrast": []})
-    assert "between levels of hand" not in without
-    assert "were compared" not in without
 
 
 @pytest.mark.parametrize("family", ["lognormal", "normal"])

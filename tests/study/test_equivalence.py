@@ -130,15 +130,6 @@ def test_under_the_reference_prior_the_posterior_is_the_t(family):
     assert measures.loc["pse", "upper"] == pytest.approx(interval["upper"], rel=1e-9)
 
 
-def test_without_trials_that_repeat_there_is_no_jnd_from_them():
-    study = judged(settings(8.1, 0.2, subjects=4), "trials", method="both")
-    assert study.equivalence.empty
-    said = {part.what: part.why for part in study.skipped_rows}
-    assert said["whether stiffness of A is within one JND from trials"] == (
-        "without repeated trials there is none"
-    )
-
-
 @pytest.mark.parametrize(
     ("jnd", "message"),
     [

@@ -164,14 +164,6 @@ def test_pairs_by_hand(fitted: Study) -> None:
     assert pair.shift == pytest.approx(new.estimate / old.estimate - 1.0)
 
 
-def test_tables_are_the_caller_s_own(fitted: Study) -> None:
-    """What is changed in a table asked for changes nothing of the study."""
-    before = fitted.intervals
-    changed = fitted.intervals
-    changed.iloc[:, 0] = "changed"
-    pd.testing.assert_frame_equal(fitted.intervals, before)
-
-
 def test_levels_of_a_factor_have_a_ladder_each() -> None:
     """An environment by itself has one level: its step leaves the factor out."""
     scene = Scene.load(DATASETS / "sleep.toml").with_inference(tolerance=0.2, kinds=["mean"])

@@ -28,16 +28,6 @@ def parts():
     return Study(made.sessions, made.scene.with_inference(**ASKED), store=SHARED)
 
 
-@pytest.fixture(scope="module")
-def pair():
-    """The model of two quantities at two levels."""
-    table = frame(subjects=5)
-    noise = np.random.default_rng(1).normal(0.0, 0.1, len(table))
-    b = 2.0 * (table["k_adj"] / table["k_ref"]) ** 0.5 * np.exp(noise)
-    made = opened(table.assign(b_ref=2.0, b_adj=b), bias="hand")
-    return prepare(made.data)
-
-
 @pytest.mark.evidence
 def test_contrasts_are_those_of_the_cells(parts):
     cells = parts.intervals.query("kind == 'mean'").set_index("environment")
@@ -79,16 +69,6 @@ def test_an_environment_nobody_tested_is_predicted_in_each_condition(parts):
         assert np.log(new["upper"] / new["lower"]) > np.log(own["upper"] / own["lower"])
         assert own["lower"] < new["estimate"] < own["upper"]
     assert users["monte_carlo"].max() < ASKED["tolerance"]
-
-
-def test_priors_are_those_in_use(parts, pair):
-    """One quantity without repeats has no correlation and no trial SD; a factor has its prior."""
-    alone = parts.fit.model.priors_in_force
-    assert {"alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "psi_sd", "kappa_sd"} <= set(alone)
-    absent = {"rho_shape", "log_s_e_mean", "omega_e_scale", "omega_s_scale", "covariate_sd"}
-    assert not absent & set(alone)
-    both = pair.model.priors_in_force
-    assert {"rho_shape", "log_s_e_mean", "omega_e_scale"} <= set(both)
 
 
 @pytest.mark.parametrize(

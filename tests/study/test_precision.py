@@ -8,7 +8,6 @@ import pytest
 from scipy import integrate, stats
 
 from percept import Scene, Study, UsageError
-from percept.report.contrast import contrast
 from percept.sessions import ReadOptions, Sessions
 from tests.fits import SHARED
 from tests.study.within import frame
@@ -141,14 +140,6 @@ def test_what_has_no_ratio_is_named():
 def test_only_factors_of_the_model_have_a_precision():
     with pytest.raises(UsageError, match=r"model\.precision.*foot.*no factor of the model"):
         list(opened(planted(1), precision="foot").contrast_rows)
-
-
-def test_the_page_says_what_precision_is():
-    results = opened(planted(1)).results(curves=False)
-    section = contrast(results)
-    assert any("Precision is the ratio of SDs" in text for text in section.sentences)
-    (table, *_) = section.tables
-    assert sum("precision" in str(row) for row in table.rows) == 3
 
 
 @pytest.fixture(scope="module")

@@ -107,17 +107,6 @@ def test_differences_from_zero_and_negative_references_are_in_the_unit():
         assert ("weber" in set(plain["measure"])) == (reference != 0.0)
 
 
-@pytest.mark.parametrize("subjects", [2, 4])
-def test_few_subjects_have_finite_ordered_limits(subjects):
-    data = table_of(subjects=subjects)
-    found = study_of(data, method="both", level=0.9, tolerance=0.1).psychophysics
-    limits = found[["lower", "estimate", "upper"]].to_numpy(dtype=float)
-    assert np.isfinite(limits).all()
-    assert (np.diff(limits, axis=1) >= -1e-12).all()
-    assert set(found["method"]) == {"classical", "bayesian"}
-    assert "jnd" not in set(found["measure"])
-
-
 @pytest.mark.parametrize(("subjects", "has"), [(2, False), (3, True)])
 def test_two_subjects_tell_no_correlation(subjects, has):
     """Two pairs always lie on a line."""
@@ -179,31 +168,6 @@ def test_only_a_quantity_whose_references_differ_has_a_slope():
     measures = Study(sessions, Scene(inference={"tolerance": 0.3})).psychophysics
     slopes = measures[measures["measure"] == "gamma"]
     assert list(slopes["parameter"]) == ["b"]
-
-
-def test_a_model_of_one_environment_has_no_components_over_all():
-    # The pair is modelled where both are. A covariate gives the model effects of subjects.
-    rng = np.random.default_rng(3)
-    rows = []
-    for subject in range(8):
-        for environment in ("A", "B"):
-            for trial in (1, 2):
-                x_adj, y_adj = np.exp(rng.normal(0.0, 0.2, 2))
-                y_ref = 1.0 if environment == "A" else None
-                names = (f"S{subject}", environment, trial)
-                rows.append((*names, 20.0 + subject, 1.0, x_adj, y_ref, y_ref and y_adj))
-    columns = ["subject", "environment", "trial", "age", "x_ref", "x_adj", "y_ref", "y_adj"]
-    scene = Scene(
-        quantities={"x": {"unit": "m"}, "y": {"unit": "s"}},
-        model={"bias": "age"},
-        inference={"tolerance": 0.05},
-    )
-    sessions = Sessions.from_frame(pd.DataFrame(rows, columns=columns), scene=scene)
-    measures = Study(sessions, scene).psychophysics
-    components = measures[measures["measure"].isin(["sigma_u", "sigma_w"])]
-    with_components = components[components["method"] == "bayesian"]
-    assert with_components.empty
-    assert np.isfinite(measures[["estimate", "lower", "upper"]].to_numpy(dtype=float)).all()
 
 
 def test_what_has_no_jnd_is_named_with_the_reason():

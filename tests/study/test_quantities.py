@@ -12,7 +12,6 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study
-from percept.cli import build_parser, main
 from percept.errors import RefusalError, UsageError
 from percept.report.overview import findings
 from percept.results import Skipped
@@ -123,36 +122,13 @@ def test_the_page_says_the_studys_words_and_none_of_haptics():
             "k is stiffness in N/m: name another quantity apart",
         ),
         ({"quantities": {"two words": {}}}, "letters, digits and single underscores"),
-        (
-            DURATION | {"columns": {"duration_adj": {"name": "x", "unit": "kg"}}},
-            "not a unit of duration",
-        ),
-        (
-            DURATION | {"columns": {"duration_adj": {"name": "x", "unit": "degC"}}},
-            "not a unit of duration",
-        ),
         (DURATION | {"columns": {"k_adj": "x"}}, "columns.k_adj: there is no quantity 'k'"),
-        (
-            DURATION | {"inference": {"parameters": ["k"]}},
-            "there is no such quantity; there are duration",
-        ),
         ({"inference": {"together": ["k"]}}, "two quantities have a model together"),
     ],
 )
 def test_what_is_wrong_with_quantities_is_named(tables, said):
     with pytest.raises(UsageError, match=said):
         Scene(**tables)
-
-
-def test_references_on_the_command_line_are_read(capsys):
-    words = ["predict", "sessions.csv", "--at"]
-    parsed = build_parser(["predict"]).parse_args([*words, "duration=500", "x=1e3"])
-    assert dict(parsed.at) == {"duration": 500.0, "x": 1000.0}
-    with pytest.raises(SystemExit):
-        main([*words, "duration"])
-    assert (
-        "'duration': a reference is written NAME=X, as in duration=500." in capsys.readouterr().err
-    )
 
 
 def three_quantities():

@@ -91,12 +91,6 @@ def has_own(found):
     return any(name.startswith("phi[") for name in found.model.names)
 
 
-def test_plain_studies_have_them_too():
-    found = plain(table(trials=3))
-    assert has_own(found)
-    assert found.skipped == ()
-
-
 @pytest.mark.parametrize(
     ("made", "model", "why"),
     [
@@ -114,14 +108,6 @@ def test_plain_studies_without_them_say_why(made, model, why):
     assert skipped.what == "subjects' own trial SDs of stiffness"
     assert skipped.why.startswith(why)
     assert not has_own(found)
-
-
-def test_two_subjects_and_one_of_a_single_trial_have_them():
-    assert has_own(plain(table(sds=SDS[:2])))
-    made = table()
-    lone = made["subject"].eq("S3")
-    first = made["environment"].eq("VE1") & made["hand"].eq("left") & made["trial"].eq(1)
-    assert has_own(plain(made[~lone | first]))
 
 
 @pytest.mark.parametrize(

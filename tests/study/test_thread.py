@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.results import Skipped
 from percept.sessions import Sessions
 from tests import DATASETS
 from tests.fits import SHARED
@@ -66,19 +65,6 @@ def test_same_seed_same_bits_and_another_within_monte_carlo_error():
     assert np.any(difference != 0)
 
 
-def test_boundaries_hold_what_they_say(fitted):
-    boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 61))
-    shapes = {(b.method, b.shape) for b in boundaries}
-    assert {("classical", "corner"), ("classical", "envelope"), ("bayesian", "pointwise")} <= shapes
-    named = {(b.environment, b.kind, b.method, b.family, b.joint, b.shape): b for b in boundaries}
-    for (environment, kind, method, family, joint, shape), corner in named.items():
-        if shape == "corner":
-            envelope = named[environment, kind, method, family, joint, "envelope"]
-            slack = 1 + 1e-12
-            assert np.all(envelope.lower <= corner.lower * slack)
-            assert np.all(envelope.upper * slack >= corner.upper)
-
-
 def test_corner_curves_are_equations_16_and_17(classical):
     """Both lower limits together, both upper together, straight through Eqs 7, 8 and 13."""
     rows = classical.intervals.query(
@@ -97,27 +83,6 @@ def test_corner_curves_are_equations_16_and_17(classical):
         k, b = rows.loc["k", side], rows.loc["b", side]
         direct = np.abs((1.0 * s + 5.0) + hold * (b + k / s))
         np.testing.assert_allclose(getattr(corner, side), direct, rtol=1e-9)
-
-
-def test_nothing_is_computed_for_what_the_scene_leaves_out():
-    bare = Study(
-        read_sessions(DATASETS / "hbfd_sessions.csv"), Scene().with_inference(method="classical")
-    )
-    assert bare.boundaries == ()
-    assert bare.coupling_row is None
-    assert bare.posterior is None
-    what = {part.what: part.why for part in bare.skipped_rows}
-    assert what["boundaries of Z_h"] == "the scene has no [device]"
-    assert not any(name.startswith("zoom") for name in what)
-
-
-def test_a_window_on_an_environment_that_is_not_there_is_said():
-    scene = Scene(report={"zoom": {"VE1": [9.0, 11.0], "VE9": [9.0, 11.0]}})
-    study = Study(
-        read_sessions(DATASETS / "hbfd_sessions.csv"), scene.with_inference(method="classical")
-    )
-    said = [part for part in study.skipped_rows if part.what.startswith("zoom")]
-    assert said == [Skipped("zoom window of VE9", "no environment has this name")]
 
 
 def test_failed_gate_withholds_the_bayesian_numbers():
@@ -197,19 +162,6 @@ def test_what_no_session_has_is_refused():
     nothing = dataclasses.replace(sessions, table=sessions.table.assign(k_adj=np.nan, b_adj=np.nan))
     with pytest.raises(RefusalError, match="no adjusted value is left in the data"):
         _ = Study(nothing, Scene()).data.parameters
-
-
-def test_posterior_keeps_named_dimensions(fitted):
-    posterior = fitted.posterior["posterior"]
-    assert posterior["population_mean"].dims == ("chain", "draw", "parameter", "environment")
-    assert list(posterior["environment"].values) == list(fitted.data.environments)
-    assert posterior.sizes["chain"] == fitted.fit.run.settings.ensembles
-    # Draws and the smooth mixture must describe one posterior: compare medians on the log scale.
-    draws = np.log(posterior["population_mean"].values)
-    laws_mean = np.log(fitted.fit.estimate).reshape(draws.shape[2:])
-    spread = draws.std(axis=(0, 1))
-    error = spread / np.sqrt(draws.shape[0] * draws.shape[1] / 4)
-    assert np.all(np.abs(draws.mean(axis=(0, 1)) - laws_mean) < 5 * error)
 
 
 def test_a_study_reads_files_and_tables_as_its_scene_says(tmp_path):

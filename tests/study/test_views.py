@@ -21,16 +21,6 @@ def test_showing_a_study_computes_nothing():
     assert "<td>stiffness k, damping b</td>" in page
 
 
-def test_a_coupling_prints_a_line_per_number_and_no_array():
-    lines = repr(classical().coupling).split("\n")
-    assert lines[0] == "Coupling"
-    assert len(lines) == 11
-    assert "  memberships: 5 records Membership" in lines
-    assert "  read_at: 10" in lines
-    assert "  eq10: not met" in lines
-    assert not any(line.startswith("  omega:") for line in lines)
-
-
 @pytest.mark.parametrize("kind", ["user", None])
 def test_the_summary_lays_methods_side_by_side(fitted, kind):
     table, intervals = fitted.summary(kind), fitted.intervals
@@ -70,12 +60,3 @@ def test_curves_are_the_boundaries_row_by_row():
         for name in ("environment", "kind", "method", "family", "joint", "shape", "level"):
             assert set(part[name]) == {getattr(boundary, name)}
     assert start == len(table) > 0
-
-
-def test_a_study_writes_its_report(tmp_path):
-    bare = Study(
-        read_sessions(SESSIONS), Scene().with_inference(method="classical", kinds=("user",))
-    )
-    page = bare.report(tmp_path / "out", formats=())
-    assert page == tmp_path / "out" / "report.html"
-    assert "VE5" in page.read_text(encoding="utf-8")

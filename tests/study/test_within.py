@@ -6,7 +6,6 @@ import pytest
 from percept import Scene, Study, UsageError
 from percept.sessions import ReadOptions, Sessions
 from tests import LONG
-from tests.documents import build_document, page_of
 from tests.study.within import crossed, frame, study
 
 
@@ -144,15 +143,6 @@ def test_both_methods_have_the_contrasts_of_factors(planted):
     # Of factors that are not in `spread` the model knows no difference in spread.
     spreads = found[(found["of"] == "spread") & (found["method"] == "bayesian")]
     assert set(spreads["factor"]) == {"hand"}
-
-
-@pytest.mark.evidence
-def test_the_page_tells_every_kind_of_contrast(planted):
-    page = page_of(build_document(planted, curves=False))
-    assert "slope dose" in page
-    assert "interaction hand:load" in page
-    assert "Different subjects are compared in group." in page
-    assert "1 more of dose" in page
 
 
 @pytest.mark.evidence

@@ -25,8 +25,6 @@ Array = NDArray[np.float64]
 _NO_SCATTER = 1e-26
 #: The same over the sum of the squared values: each is rounded by up to 1.1e-16 of itself.
 _NO_SCATTER_OF_VALUES = 1e-31
-#: Share of the degrees of freedom below which q epsilon reaches them but for rounding.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,6 @@ class Effect:
     df_error: float  # Of its error, uncorrected
     p_value: float  # Uncorrected
     epsilon: float  # Greenhouse and Geisser's; 1 with one contrast, and between subjects
-    huynh_feldt: float  # Huynh and Feldt's, as Lecoutre corrected it, at most 1
     df_corrected: float  # Times `epsilon`, as is that of the error
     df_error_corrected: float
     p_corrected: float
@@ -57,7 +54,6 @@ class _Squares:
     df: int
     df_error: int
     epsilon: float
-    huynh_feldt: float
 
 
 def anova(
@@ -95,9 +91,7 @@ def anova(
     Notes
     -----
     Epsilon is tr(S)² / (q tr(S²)) with the pooled covariance S of the q contrasts: S. Greenhouse
-    and S. Geisser, Psychometrika 24 (1959) 95. The second epsilon follows H. Huynh and L. S. Feldt,
-    Journal of Educational Statistics 1 (1976) 69, with the correction of B. Lecoutre, ibid. 16
-    (1991) 371. Generalised eta squared follows S. Olejnik and J. Algina, Psychological Methods 8
+    and S. Geisser, Psychometrika 24 (1959) 95. Generalised eta squared follows S. Olejnik and J. Algina, Psychological Methods 8
     (2003) 434, with all factors taken as manipulated.
     """
     if group is None:
@@ -184,37 +178,21 @@ def _squares(
     covariance = few @ few.T
     error = float(np.trace(covariance))
     epsilon = 1.0
-    huynh_feldt = 1.0
     if contrasts > 1 and error > 0.0:
         epsilon = error**2 / (contrasts * float(np.sum(covariance**2)))
-        huynh_feldt = _huynh_feldt(epsilon, contrasts, df_subjects)
     if names:
         # The plain mean of the groups' means; of one group it is the mean of all subjects.
         mean = means.mean(axis=0)
         weight = groups**2 / float(np.sum(1.0 / sizes))
         effect = weight * float(mean @ mean)
         df_error = contrasts * df_subjects
-        yield _Squares(names, effect, error, contrasts, df_error, epsilon, huynh_feldt)
+        yield _Squares(names, effect, error, contrasts, df_error, epsilon)
     if groups > 1:
         apart = means - scores.mean(axis=0)
         effect = float(sizes @ np.sum(apart**2, axis=1))
         df = contrasts * (groups - 1)
         df_error = contrasts * df_subjects
-        yield _Squares((between, *names), effect, error, df, df_error, epsilon, huynh_feldt)
-
-
-def _huynh_feldt(epsilon: float, contrasts: int, df_subjects: int) -> float:
-    """Return Huynh and Feldt's epsilon; 1 where its denominator is not positive.
-
-    The rank of the covariance is at most the subjects' degrees of freedom, and so is q epsilon.
-    With one degree of freedom q epsilon is one, and the ratio is 0/0.
-    """
-    room = df_subjects - contrasts * epsilon
-    if room <= _ROUNDING * df_subjects:
-        return 1.0
-    below = contrasts * room
-    above = (df_subjects + 1) * contrasts * epsilon - 2.0
-    return min(above / below, 1.0)
+        yield _Squares((between, *names), effect, error, df, df_error, epsilon)
 
 
 def _tested(row: _Squares, error_of_all: float) -> Effect:
@@ -229,7 +207,6 @@ def _tested(row: _Squares, error_of_all: float) -> Effect:
         df_error=float(row.df_error),
         p_value=float(special.fdtrc(row.df, row.df_error, f)),
         epsilon=row.epsilon,
-        huynh_feldt=row.huynh_feldt,
         df_corrected=df_corrected,
         df_error_corrected=df_error_corrected,
         p_corrected=float(special.fdtrc(df_corrected, df_error_corrected, f)),
