@@ -91,8 +91,8 @@ def anova(
     Notes
     -----
     Epsilon is tr(S)² / (q tr(S²)) with the pooled covariance S of the q contrasts: S. Greenhouse
-    and S. Geisser, Psychometrika 24 (1959) 95. Generalised eta squared follows S. Olejnik and J. Algina, Psychological Methods 8
-    (2003) 434, with all factors taken as manipulated.
+    and S. Geisser, Psychometrika 24 (1959) 95. Generalised eta squared follows S. Olejnik and
+    J. Algina, Psychological Methods 8 (2003) 434, with all factors taken as manipulated.
     """
     if group is None:
         group = np.zeros(len(values), dtype=np.intp)
