@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from percept.boundary.band import size_name
 from percept.errors import capitalised
 from percept.report.biases import drawn_said, foremost
-from percept.report.numbers import percentage, short
+from percept.report.numbers import is_known, percentage, short
 from percept.report.sections import (
     Cell,
     Columns,
@@ -128,11 +128,15 @@ def _differences(results: Results) -> str:
     if not ratios or not farthest:
         return ""
     shifts = listed([f"{short(size, 2)} {unit}".rstrip() for unit, size in farthest.items()])
-    widths = " to ".join(dict.fromkeys(short(ratio, 2) for ratio in (min(ratios), max(ratios))))
-    return (
+    ends = min(ratios), max(ratios)
+    widths = " to ".join(dict.fromkeys(short(ratio, 2) for ratio in ends))
+    said = (
         f"Of the same family and kind, Bayesian intervals are {widths} times as wide as classical"
-        f" ones. Their estimates lie at most {shifts} apart."
+        " ones."
     )
+    if not is_known(*ends):
+        said = "Some intervals span many decades: how their widths compare says nothing."
+    return f"{said} The methods’ estimates lie at most {shifts} apart."
 
 
 def bands_sentences(pairs: Sequence[BandPair]) -> list[str]:
@@ -143,13 +147,16 @@ def bands_sentences(pairs: Sequence[BandPair]) -> list[str]:
     width = max(pairs, key=lambda pair: abs(pair.width.largest))
     sign = "higher" if place.place.largest > 0 else "lower"
     apart = percentage(abs(place.place.largest), 2)
-    ratio = short(math.exp(width.width.largest), 2)
+    ratio = math.exp(width.width.largest)
+    times = f"is {short(ratio, 2)} times as wide"
+    if not is_known(min(ratio, 1.0), max(ratio, 1.0)):
+        times = "or the classical one spans many decades"
     return [
         "The Bayesian band of |Z_h| lies farthest from the classical one in"
         f" {place.environment} (kind {place.kind}): {apart} {sign} at"
         f" {short(place.place.omega, 2)} rad/s.",
-        f"Its width differs most in {width.environment} (kind {width.kind}): it is {ratio} times as"
-        f" wide at {short(width.width.omega, 2)} rad/s.",
+        f"Its width differs most in {width.environment} (kind {width.kind}): it"
+        f" {times} at {short(width.width.omega, 2)} rad/s.",
     ]
 
 

@@ -10,7 +10,7 @@ from scipy import special
 
 from percept.errors import capitalised, counted
 from percept.report.decisions import doubtful_verdicts
-from percept.report.numbers import short
+from percept.report.numbers import apart, short
 from percept.report.select import (
     MOST_SHOWN,
     distinct,
@@ -114,11 +114,12 @@ def _pooled(results: Results) -> Iterator[str]:
         row, plain = max(pairs, key=lambda pair: _shift(*pair))
         if _shift(row, plain) < _PULLED:
             continue
+        of_model, of_data = apart(row.estimate, plain.estimate)
         yield (
             f"The hierarchical model draws {results.data.words.environments} towards each other."
             f" Its mean {quantity.label} of {row.environment} is"
-            f" {f'{short(row.estimate)} {plain.unit}'.rstrip()}; that of the data is"
-            f" {f'{short(plain.estimate)} {plain.unit}'.rstrip()}, as in the classical interval."
+            f" {f'{of_model} {plain.unit}'.rstrip()}; that of the data is"
+            f" {f'{of_data} {plain.unit}'.rstrip()}, as in the classical interval."
         )
 
 
@@ -148,7 +149,7 @@ def overruled(results: Results) -> list[str]:
         for row, of_data in _means(results, parameter):
             half_width = -special.stdtrit(of_data.n - 1.0, 0.5 * (1.0 - of_data.level))
             if half_width * _shift(row, of_data) > _OVERRULED:
-                instead = f"{short(row.estimate)} instead of {short(of_data.estimate)}"
+                instead = " instead of ".join(apart(row.estimate, of_data.estimate))
                 where = f"{quantity.label} of {row.environment}"
                 named.append(f"{where} ({f'{instead} {row.unit}'.rstrip()})")
     if not named:

@@ -8,6 +8,8 @@ from decimal import Decimal
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: A bias of so many references and more is written as a multiple.
 _MULTIPLE = 9.0
+#: An upper limit over the lower one beyond which the two say nothing.
+_UNKNOWN = 1e10
 
 
 def rounded(value: float, digits: int = 5) -> str:
@@ -32,6 +34,20 @@ def short(value: float, digits: int = 3) -> str:
     if "." in mantissa:
         mantissa = mantissa.rstrip("0").removesuffix(".")
     return mantissa + times + power
+
+
+def apart(first: float, second: float) -> tuple[str, str]:
+    """Write two numbers with the digits that tell them apart."""
+    for digits in range(3, 16):
+        texts = short(first, digits), short(second, digits)
+        if texts[0] != texts[1]:
+            break
+    return texts
+
+
+def is_known(lower: float, upper: float) -> bool:
+    """Say whether limits say anything: positive ones span ten decades at most."""
+    return not 0.0 < _UNKNOWN * lower < upper
 
 
 def percentage(value: float, digits: int = 3) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-from percept.report.numbers import digits_of, written
+from percept.report.numbers import digits_of, is_known, written
 from percept.report.select import METHOD_NAMES, matching
 
 
@@ -109,6 +109,8 @@ def plus_minus(path: str, error: str, digits: int = 3, style: str = "percent") -
 
 def limits(record: Any) -> Cell:
     """Return the cell of a record's two limits."""
+    if not is_known(record.lower, record.upper):
+        return ("not known",)
     lower = value(record.lower, digits_of(record.lower, record.lower, record.upper))
     upper = value(record.upper, digits_of(record.upper, record.lower, record.upper))
     return (*lower, " to ", *upper)
@@ -118,6 +120,8 @@ def estimate(record: Any, style: str = "plain", least: int = 2) -> Cell:
     """Return the cell of a record's estimate, its limits in brackets."""
     digits = max(digits_of(record.estimate, record.lower, record.upper), least)
     middle = value(record.estimate, digits, style)
+    if not is_known(record.lower, record.upper):
+        return (*middle, " (not known)")
     lower = value(record.lower, digits, style)
     upper = value(record.upper, digits, style)
     return (*middle, " (", *lower, " to ", *upper, ")")
