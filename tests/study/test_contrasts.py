@@ -5,7 +5,6 @@ import dataclasses
 import re
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import stats
 
@@ -238,24 +237,3 @@ def test_factors_that_cannot_be_told_apart_are_refused():
     mixed = frame(levels=("b) (c", "c")).replace({"environment": names})
     with pytest.raises(UsageError, match="two cells would have the name"):
         study(mixed)
-
-
-@pytest.mark.parametrize("family", ["lognormal", "normal"])
-def test_the_mean_of_a_level_is_that_of_subjects_means(family):
-    table = frame()
-    ratio = table["k_adj"] / table["k_ref"]
-    wide = means(table, np.log(ratio) if family == "lognormal" else ratio - 1.0)
-    found = study(table, family).contrasts
-    for level in ("left", "right"):
-        rows = found[(found["of"] == "level") & (found["second"] == level)]
-        (row,) = rows[rows["kind"] == "mean"].to_dict("records")
-        values = wide[level].mean(axis=1)
-        interval = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
-        expected = np.array([interval.low, values.mean(), interval.high])
-        if family == "lognormal":
-            expected = np.exp(expected)
-        np.testing.assert_allclose(
-            [row["lower"], row["estimate"], row["upper"]], expected, rtol=1e-9
-        )
-        assert pd.isna(row["environment"])
-        assert row["first"] == "the reference"

@@ -154,22 +154,6 @@ def test_the_page_of_measures_names_each():
     assert named == set(get_args(Measure))
 
 
-def test_only_a_quantity_whose_references_differ_has_a_slope():
-    rng = np.random.default_rng(0)
-    rows = []
-    for subject in range(4):
-        for environment, b_ref in enumerate((1.0, 2.0, 4.0)):
-            k_adj = 100.0 * np.exp(rng.normal(0.0, 0.2))
-            b_adj = b_ref * np.exp(rng.normal(0.0, 0.2))
-            names = (f"S{subject}", f"VE{environment}")
-            rows.append((*names, 100.0, k_adj, b_ref, b_adj))
-    columns = ["subject", "environment", "k_ref", "k_adj", "b_ref", "b_adj"]
-    sessions = Sessions.from_frame(pd.DataFrame(rows, columns=columns))
-    measures = Study(sessions, Scene(inference={"tolerance": 0.3})).psychophysics
-    slopes = measures[measures["measure"] == "gamma"]
-    assert list(slopes["parameter"]) == ["b"]
-
-
 def test_what_has_no_jnd_is_named_with_the_reason():
     data = repeated()
     once = data[(data["environment"] == "weich") | (data["trial"] == 1)]

@@ -3,7 +3,6 @@ had."""
 
 from __future__ import annotations
 
-import dataclasses
 import re
 
 import numpy as np
@@ -13,11 +12,10 @@ from scipy import stats
 
 from percept import Scene, Study
 from percept.errors import RefusalError, UsageError
-from percept.report.overview import findings
 from percept.results import Skipped
 from percept.sessions import ReadOptions, Sessions
 from percept.study.prepare import prepare
-from tests.documents import as_results, build_document, page_of
+from tests.documents import build_document, page_of
 
 DURATION = {"quantities": {"duration": {"symbol": "t", "unit": "ms"}}}
 CLASSICAL = {"inference": {"method": "classical", "level": 0.95}}
@@ -153,14 +151,3 @@ def test_of_three_quantities_the_two_named_together_share_a_model():
     assert found.skipped[0].why == why
     assert any("rho" in name for name in found.model.names)
     assert not any("rho" in name for name in prepared({}).model.names)
-
-
-def test_rows_that_lack_one_of_a_pair_are_a_caution():
-    table = three_quantities()
-    table.loc[[1, 4, 7], "length_adj"] = np.nan
-    both = {"quantities": {"force": {}, "length": {}}, "inference": {"method": "classical"}}
-    study = study_of(table, both)
-    (left,) = prepare(study.data).skipped
-    document = build_document(study) | {"skipped": [dataclasses.asdict(left)]}
-    (caution,) = [text for text in findings(as_results(document)).cautions if "leaves out" in text]
-    assert caution == "The hierarchical model leaves out 3 trials: they lack force or length."

@@ -140,19 +140,6 @@ def test_zero_reference_is_refused_without_a_scale():
         _ = Study(Sessions.from_frame(table), scene).fit
 
 
-def test_where_nothing_scatters_the_resolution_answers():
-    table = frame()
-    table = table[table.environment.isin(["VE1", "VE2"])]
-    table.loc[table.environment == "VE2", "k_adj"] = 1000.0
-    scene = Scene(model={"resolution": {"k": 10.0, "b": 0.1}}, inference={"tolerance": 0.1})
-    study = Study(Sessions.from_frame(table), scene)
-    assert study.fit.run.gate.passed
-    cell = study.intervals.query(
-        "environment == 'VE2' and parameter == 'k' and method == 'bayesian'"
-    )
-    assert np.isfinite(cell[["lower", "upper"]].to_numpy()).all()
-
-
 def test_what_no_session_has_is_refused():
     table = frame().drop(columns=["b_ref", "b_adj"])
     scene = Scene(inference={"parameters": ["k", "b"]})

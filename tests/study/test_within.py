@@ -5,7 +5,6 @@ import pytest
 
 from percept import Scene, Study, UsageError
 from percept.sessions import ReadOptions, Sessions
-from tests import LONG
 from tests.study.within import crossed, frame, study
 
 
@@ -143,16 +142,3 @@ def test_both_methods_have_the_contrasts_of_factors(planted):
     # Of factors that are not in `spread` the model knows no difference in spread.
     spreads = found[(found["of"] == "spread") & (found["method"] == "bayesian")]
     assert set(spreads["factor"]) == {"hand"}
-
-
-@pytest.mark.evidence
-def test_limits_of_spread_meet_the_tolerance(made):
-    """Seeds differ by no more than the tolerance says."""
-    ends = []
-    for seed in range(1, 9 if LONG else 4):
-        found = [vars(row) for row in bayesian(made, seed=seed).contrast_rows]
-        rows = [row for row in found if row["of"] == "spread"]
-        ends.append([[np.log(row["lower"]), np.log(row["upper"])] for row in rows])
-    half_width = np.diff(ends, axis=2)[..., 0].mean(axis=0) / 2.0
-    differ = np.sqrt((np.std(ends, axis=0, ddof=1) ** 2).mean(axis=1)) / half_width
-    assert np.sqrt((differ**2).mean()) < 2.0 * 0.05
