@@ -60,15 +60,13 @@ _ANOVA = [
 ]
 # Boundaries printed: what a terminal shows at once.
 _MOST_CURVES = 10
-_CURVES_LEGEND = """area: mean over log omega of
-abs(log(B/A)) of the lower and the upper curve; largest: log(B/A) at that omega (rad/s)."""
 _STEPS_LEGEND = """width: ratio of widths; centre: shift in classical half-widths;
 error: Monte Carlo standard error (log_width_error: of the ratio's logarithm)."""
 
 _ANOVA_LEGEND = """epsilon: Greenhouse and Geisser's, by which the degrees of
 freedom (df) are multiplied; eta2: share of the variance that the term explains."""
-_BANDS_LEGEND = """Exact envelopes, where they differ most over omega (rad/s), and the median.
-place: Bayesian middle over the classical one, less one; width: logarithm of the ratio."""
+_LEGEND = """Exact envelopes, where they differ most over omega (rad/s), and the median.
+place: middle over the other one's, less one; width: logarithm of the ratio."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,10 +143,10 @@ def _differences(
     elif not len(comparison.curves):
         print_table(comparison.intervals, head="Intervals of A and B; width ratio B/A:")
     if len(comparison.curves):
-        areas = comparison.curves[["area_lower", "area_upper"]].max(axis=1)
-        farthest = areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]
+        widest = comparison.curves["place"].abs().sort_values(ascending=False, kind="stable")
+        farthest = widest.index[:_MOST_CURVES]
         count = len(comparison.curves)
-        head = f"The {len(farthest)} of {count} boundaries farthest apart. {_CURVES_LEGEND}"
+        head = f"The {len(farthest)} of {count} boundaries farthest apart, B against A. {_LEGEND}"
         print_table(comparison.curves.loc[farthest], head=head)
 
 
@@ -242,15 +240,9 @@ def _bands(study: Study) -> None:
     pairs = study.band_pairs
     if not pairs:
         return
-    rows = []
-    for pair in pairs:
-        row: dict[str, object] = {"environment": pair.environment, "kind": pair.kind}
-        for name, difference in (("place", pair.place), ("width", pair.width)):
-            row[name] = difference.largest
-            row[f"{name}_omega"] = difference.omega
-            row[f"{name}_median"] = difference.median
-        rows.append(row)
-    print_table(rows, head=f"Boundaries in pairs, {_claim(study)}. {_BANDS_LEGEND}")
+    rows = [pair.flat() for pair in pairs]
+    head = f"Boundaries in pairs, Bayesian against classical, {_claim(study)}. {_LEGEND}"
+    print_table(rows, head=head)
     show("\n".join(bands_sentences(pairs)))
 
 

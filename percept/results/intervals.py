@@ -151,13 +151,29 @@ class BandDifference:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BandPair(NotebookRecord):
-    """How the methods' bands of abs(Z_h), exact envelopes of one kind and family, differ."""
+    """How a band of abs(Z_h) differs from another one: exact envelopes of one kind and family.
+
+    The other is the classical one, or that of another study.
+    """
 
     environment: str
     kind: Kind
+    method: Method
     family: Family
-    place: BandDifference  # Middle of the Bayesian band over that of the classical one, less one
-    width: BandDifference  # Logarithm of the Bayesian width over the classical one
+    place: BandDifference  # Its middle over that of the other one, less one
+    width: BandDifference  # Logarithm of its width over that of the other one
+
+    def flat(self) -> dict[str, str | float]:
+        """Return the fields as a row of a table."""
+        row: dict[str, str | float] = {
+            "environment": self.environment, "kind": self.kind, "method": self.method,
+            "family": self.family,
+        }  # fmt: skip
+        for name, difference in (("place", self.place), ("width", self.width)):
+            row[name] = difference.largest
+            row[f"{name}_omega"] = difference.omega
+            row[f"{name}_median"] = difference.median
+        return row
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

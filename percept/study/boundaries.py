@@ -299,33 +299,35 @@ def _name(law: Law, shape: Shape) -> str:
     return f"{shape} classical curves of {law.environment}, kind {law.kind}, {law.family}"
 
 
-def band_pairs(boundaries: Collection[Boundary]) -> Iterator[BandPair]:
-    """Yield how the Bayesian envelopes differ from the classical ones.
+def band_pairs(
+    first: Collection[Boundary], second: Collection[Boundary], *labels: str
+) -> Iterator[BandPair]:
+    """Yield how exact envelopes of the second differ from those of the first with equal labels.
 
-    Bands without width, and infinite ones, are left out.
+    Both stand at the same frequencies. Bands without width, and infinite ones, are left out.
     """
-    classical: dict[tuple[str, str, str], Boundary] = {}
-    for boundary in boundaries:
-        if boundary.shape != "envelope" or boundary.joint != "marginal":
-            continue
-        key = boundary.environment, boundary.kind, boundary.family
-        if boundary.method == "classical":
-            classical[key] = boundary
-        elif key in classical and _has_width(boundary) and _has_width(classical[key]):
-            other = classical[key]
-            middles = (boundary.lower + boundary.upper) / (other.lower + other.upper)
+    others = {tuple(getattr(one, name) for name in labels): one for one in _envelopes(first)}
+    for band in _envelopes(second):
+        other = others.get(tuple(getattr(band, name) for name in labels))
+        if other is not None:
+            middles = (band.lower + band.upper) / (other.lower + other.upper)
             yield BandPair(
-                environment=boundary.environment,
-                kind=boundary.kind,
-                family=boundary.family,
-                place=_difference(boundary.omega, middles - 1.0),
-                width=_difference(boundary.omega, np.log(boundary.band / other.band)),
+                environment=band.environment,
+                kind=band.kind,
+                method=band.method,
+                family=band.family,
+                place=_difference(band.omega, middles - 1.0),
+                width=_difference(band.omega, np.log(band.band / other.band)),
             )
 
 
-def _has_width(boundary: Boundary) -> bool:
-    limits = np.array([boundary.lower, boundary.upper])
-    return bool(np.isfinite(limits).all() and np.all(limits[1] > limits[0]))
+def _envelopes(boundaries: Collection[Boundary]) -> Iterator[Boundary]:
+    """Yield exact envelopes that have a width."""
+    for boundary in boundaries:
+        if boundary.shape == "envelope" and boundary.joint == "marginal":
+            limits = np.array([boundary.lower, boundary.upper])
+            if np.isfinite(limits).all() and np.all(limits[1] > limits[0]):
+                yield boundary
 
 
 def _difference(omega: Array, values: Array) -> BandDifference:

@@ -13,11 +13,10 @@ from scipy import special
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
 from percept.inference.classical.contrasts import group_contrast, group_spread_ratio
-from percept.results import Boundary
+from percept.results import BandPair
 from percept.sessions import Sessions
-from percept.sessions.quantities import trial_columns
-from percept.sessions.records import SUMMARY_COLUMNS
 from percept.study.basics import Array, Stream, generator
+from percept.study.boundaries import band_pairs
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -32,12 +31,9 @@ _SAME = (
     "A and B are the same sessions: the table of their users, whose intervals assume two samples of"
     " different people, is left out."
 )
-_CURVE_LABELS = ("environment", "kind", "method", "family")
 _LABELS = ("environment", "parameter", "kind", "method", "family", "joint")
 #: Frequencies that curves are compared at, some 80 a decade over the usual range.
 _POINTS = 241
-#: Fraction of the upper limit that a lower one counts as: zero has no logarithm.
-_FLOOR = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,9 +46,7 @@ class PairComparison(NotebookRecord):
     #: Average users of B against A (ratio under the lognormal family, difference in its unit under
     #: the normal), and the ratio of the spreads, with limits.
     differences: pd.DataFrame
-    #: Mean of abs(log(B/A)) of the limits of exact envelopes over log omega, log(B/A) where it is
-    #: largest in size, and that omega, rad/s.
-    curves: pd.DataFrame
+    curves: pd.DataFrame  #: How B's exact envelopes differ from A's: a `BandPair` a row
     notes: tuple[str, ...] = ()  #: Why there are no differences, and what they take for granted
 
 
@@ -96,9 +90,11 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
     notes += _left_out(first.data.parameters, second.data.parameters)
     differences = [] if same else [*_classical(first, second), *_bayesian(first, second)]
     notes += _without_difference(first, second, differences)
-    curves = pd.DataFrame(_gaps(first, second))
     return PairComparison(
-        _intervals(first, second), pd.DataFrame(differences), curves, tuple(notes)
+        _intervals(first, second),
+        pd.DataFrame(differences),
+        pd.DataFrame(pair.flat() for pair in _bands(first, second)),
+        tuple(notes),
     )
 
 
@@ -149,46 +145,22 @@ def _without_difference(
                 )
 
 
-def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
-    """How far the exact envelopes of B lie from A's, over the frequencies that both study."""
+def _bands(first: Study, second: Study) -> Iterator[BandPair]:
+    """How the exact envelopes of B differ from A's, over the frequencies that both study."""
     lower = max(first.data.within[0], second.data.within[0])
     upper = min(first.data.within[1], second.data.within[1])
-    if not lower < upper:
-        return
-    omega = np.geomspace(lower, upper, _POINTS)
-    of_b = _envelopes(second, omega)
-    for key, a in _envelopes(first, omega).items():
-        b = of_b.get(key)
-        if b is None:
-            continue
-        row: dict[str, object] = dict(zip(_CURVE_LABELS, key, strict=True))
-        for side in ("lower", "upper"):
-            log_a = np.log(np.maximum(getattr(a, side), _FLOOR * a.upper))
-            log_b = np.log(np.maximum(getattr(b, side), _FLOOR * b.upper))
-            log_ratio = log_b - log_a
-            worst = np.abs(log_ratio).argmax()
-            row[f"area_{side}"] = float(np.abs(log_ratio).mean())
-            row[f"largest_{side}"] = float(log_ratio[worst])
-            row[f"omega_{side}"] = float(omega[worst])
-        yield row
-
-
-def _envelopes(study: Study, omega: Array) -> dict[tuple[str, ...], Boundary]:
-    """Return a study's exact envelopes at frequencies (M,), rad/s, by what tells curves apart."""
-    return {
-        tuple(getattr(boundary, name) for name in _CURVE_LABELS): boundary
-        for boundary in study.boundaries_at(omega, joints=("marginal",))
-        if boundary.shape == "envelope"
-    }
+    if lower < upper:
+        omega = np.geomspace(lower, upper, _POINTS)
+        of_a = first.boundaries_at(omega, joints=("marginal",))
+        of_b = second.boundaries_at(omega, joints=("marginal",))
+        yield from band_pairs(of_a, of_b, "environment", "kind", "method", "family")
 
 
 def _same_sessions(first: Sessions, second: Sessions) -> bool:
     if first.form != second.form or first.quantities != second.quantities:
         return False
-    columns: tuple[str, ...] = SUMMARY_COLUMNS
-    if first.form == "trials":
-        columns = trial_columns(first.quantities)
-    return first.table[[*columns]].equals(second.table[[*columns]])
+    columns = [name for name in first.table if name in second.table]
+    return first.table[columns].equals(second.table[columns])
 
 
 def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:

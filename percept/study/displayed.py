@@ -188,7 +188,11 @@ class Displayed(Inferred):
         """How the methods' boundaries differ; None without both methods, and without a device."""
         if self.comparison is None or self._drawing is None:
             return None
-        return tuple(band_pairs(self.boundaries))
+        classical, bayesian = (
+            [one for one in self.boundaries if one.method == method]
+            for method in ("classical", "bayesian")
+        )
+        return tuple(band_pairs(classical, bayesian, "environment", "kind", "family"))
 
     @cached_property
     def coupling_row(self) -> Coupling | None:

@@ -81,12 +81,12 @@ def test_two_devices_differ_in_curves_only(folder, capsys):
     assert {row["width_ratio"] for row in found["intervals"]} == {1.0}
     assert found["differences"] == []
     assert found["notes"][0].startswith("A and B are the same sessions: the table of their users")
-    assert max(row["area_upper"] for row in found["curves"]) > 0.01
+    places = [abs(row["place"]) for row in found["curves"]]
+    assert max(places) > 0.01
     text = printed(words, capsys)
     assert f"B: {folder / 'all.csv'} under {folder / 'light.toml'}" in text
     assert f"The 10 of {len(found['curves'])} boundaries farthest apart" in text
-    areas = [max(row["area_lower"], row["area_upper"]) for row in found["curves"]]
-    assert f"{max(areas):.4g}" in text
+    assert f"{max(places):.4g}" in text
     assert found["notes"][0] in text
     assert "Average users" not in text
 
