@@ -14,7 +14,7 @@ import pytest
 import percept
 
 ROOT = Path(percept.__file__).parent
-MODULES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(ROOT.rglob("*.py"))}
+MODULES = sorted(ROOT.rglob("*.py"))
 
 #: Code tokens in all: what is new is paid for by what it makes dead. Packing does not help.
 MOST_TOKENS = 258_000
@@ -63,6 +63,11 @@ class Measure:
 
     def per_thousand_lines(self, count):
         return 1000.0 * count / self.lines
+
+
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def docstrings(tree):
@@ -122,23 +127,24 @@ def name_of(path):
 NAMES = {name_of(path): path for path in MODULES}
 
 
+@cache
 def imported(path):
     """Modules of percept that a module imports anywhere: in functions, for types, and by name."""
     found = set()
-    for node in ast.walk(MODULES[path]):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             members = {f"{node.module}.{alias.name}" for alias in node.names}
             found |= {member if member in NAMES else node.module for member in members}
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "import_module":
             found |= {argument.value for argument in node.args if hasattr(argument, "value")}
     return {name for name in found if name in NAMES and name != name_of(path)}
 
 
 def exported(path):
     """Names a module lists in `__all__`; without one those of no underscore."""
-    for node in MODULES[path].body:
+    for node in tree_of(path).body:
         targets = []
         if isinstance(node, ast.Assign):
             targets = node.targets
@@ -150,7 +156,7 @@ def exported(path):
                 for element in ast.walk(node.value)
                 if isinstance(element, ast.Constant)
             ]
-    names = [getattr(node, "name", "_") for node in MODULES[path].body]
+    names = [getattr(node, "name", "_") for node in tree_of(path).body]
     return [name for name in names if not name.startswith("_")]
 
 
@@ -221,9 +227,9 @@ def test_imports_make_no_cycle():
 def test_only_faces_import_by_a_computed_name():
     callers = {
         name_of(path)
-        for path, tree in MODULES.items()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module")
+        for path in MODULES
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "import_module"
         if not isinstance(node.args[0], ast.Constant)
     }
     # They load a public name, or a command, when it is first asked for.
@@ -245,7 +251,7 @@ def takers_of_a_study(names):
     return {
         name
         for name in names
-        for node in ast.walk(MODULES[NAMES[name]])
+        for node in ast.walk(tree_of(NAMES[name]))
         if isinstance(node, ast.arg) and node.annotation is not None
         if re.search(r"\bStudy\b", ast.unparse(node.annotation))
     }
@@ -265,8 +271,8 @@ def test_report_and_plots_never_see_a_study():
 
 def documented():
     """Definitions with a block of parameters or returns, by module and outermost name."""
-    for path, tree in MODULES.items():
-        for node in tree.body:
+    for path in MODULES:
+        for node in tree_of(path).body:
             for inner in ast.walk(node):
                 if isinstance(inner, (ast.FunctionDef, ast.ClassDef)):
                     text = ast.get_docstring(inner) or ""

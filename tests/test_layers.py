@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -47,9 +48,6 @@ ALLOWED = {
     "report": (_ANALYSIS - {"study"}) | {"files", "provenance", "__version__"},
     "plots": {"report", "results", "errors"},
 }
-#: What a part looks up by name when it is called, though it lies above: a study shows itself
-#: through these.
-LOOKED_UP: dict[str, set[str]] = {}
 #: The ends, which may import everything, and which nothing but an end imports.
 ENDS = {"cli", "commands", "__main__", "__init__"}
 #: Packages that are not Python's own, for the parts that have to stay light or pure.
@@ -74,8 +72,9 @@ def files(part):
     return sorted((ROOT / part).rglob("*.py")) or [ROOT / f"{part}.py"]
 
 
+@cache
 def imports(path):
-    """Top-level packages a module imports, and percept's own parts among them."""
+    """Top-level packages a module imports, and percept's own parts; by a name in a call too."""
     outside, inside = set(), set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         names = []
@@ -85,6 +84,8 @@ def imports(path):
             names = [node.module]
             if node.module == "percept":
                 names = [f"percept.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "import_module":
+            names = [word.value for word in node.args if isinstance(word, ast.Constant)]
         for name in names:
             first, *rest = name.split(".")
             if first == "percept" and rest:
@@ -107,18 +108,6 @@ def test_every_part_is_listed():
 def test_a_part_imports_only_what_lies_below(part):
     for path in files(part):
         assert imports(path)[1] <= ALLOWED[part] | {part}, path
-
-
-@pytest.mark.parametrize("part", ALLOWED)
-def test_a_part_looks_up_nothing_else_by_name(part):
-    names = {
-        node.args[0].value
-        for path in files(part)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == "importlib.import_module"
-        if isinstance(node.args[0], ast.Constant)
-    }
-    assert names == LOOKED_UP.get(part, set())
 
 
 @pytest.mark.parametrize("part", OUTSIDE)
