@@ -109,10 +109,11 @@ STUDIES = (
 
 def frozen_part(golden: Golden, classical: Document, document: Document) -> dict[str, Any]:
     """Take what is frozen: of the classical report all, of the scene's own what has an error."""
-    rule = by_the_paper_s_rule(golden.study(method="classical"))
+    study = golden.study(method="classical")
+    rule = by_the_paper_s_rule(study)
     return {
         "exact": {**flat(classical), **{f"rule {name}": value for name, value in rule.items()}},
-        "curves": _curves(golden),
+        "curves": _curves(study),
         "endpoints": _endpoints(document),
         "estimates": _estimates(document),
         "skipped": sorted({row["what"] for row in document["skipped"]}),
@@ -176,9 +177,9 @@ def contrast_name(row: Mapping[str, Any]) -> str:
     return f"{row['parameter']}, {row['factor']}: {levels}, {where}"
 
 
-def _curves(golden: Golden) -> dict[str, dict[str, list[float]]]:
+def _curves(study: percept.Study) -> dict[str, dict[str, list[float]]]:
     found: dict[str, dict[str, list[float]]] = {}
-    for curve in golden.study(method="classical").boundaries_at(OMEGA):
+    for curve in study.boundaries_at(OMEGA):
         if curve.shape == "simultaneous":
             continue
         name = " ".join((curve.shape, curve.environment, curve.kind, curve.family, curve.joint))
