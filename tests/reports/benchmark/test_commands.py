@@ -47,7 +47,7 @@ CURVES = {"curve_laws", "boundaries", "verdict_rows", "other_devices", "coupling
         ("device", CURVES | {"coupling_row", "regions"}),
         # Its own band law stays: the band against its reference.
         ("one parameter", CURVES | {"regions"}),
-        ("all but one environment", {"band"}),
+        pytest.param("all but one environment", {"band"}, marks=pytest.mark.evidence),
     ],
 )
 def test_a_study_works_out_nothing_that_the_scene_leaves_out(scene, left_out):

@@ -11,18 +11,14 @@ from scipy import stats
 from reports.calibration.fits import WRONG, fit_study, place_study
 from reports.calibration.studies import KINDS
 from reports.calibration.uniformity import Plan, calibrate
-from tests import LONG
 
 CROSSED = "two factors with interaction"
-#: The cheapest in `make test`.
-TAKEN = tuple(KINDS)[8:] if LONG else ("subjects' own trial SDs",)
 
 
-@pytest.mark.evidence(reduced=True)
-@pytest.mark.parametrize("kind", TAKEN)
+@pytest.mark.evidence
+@pytest.mark.parametrize("kind", tuple(KINDS)[8:])
 def test_truths_lie_evenly_in_their_posteriors(kind):
-    """With three fits, a quantity in the lowest or highest twentieth of all three is caught."""
-    judged = calibrate(Plan(kind=kind), place_study, 20 if LONG else 3)
+    judged = calibrate(Plan(kind=kind), place_study, 20)
     assert judged.reasons == ()
     assert judged.outside == []
 

@@ -12,7 +12,6 @@ from percept.inference.model.limits import Combinations, Limits, limits_of
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from reports.studies import Observed, model_of
-from tests import LONG
 
 SUBJECTS = 8
 CELLS = 2
@@ -57,10 +56,10 @@ def slope_limits(index: int) -> tuple[float, float]:
 
 
 #: Studies, and how many of them may miss: at 99 % more do with a probability below 0.1 %.
-STUDIES = 40 if LONG else 5
+STUDIES = 40
 
 
-@pytest.mark.evidence(reduced=True)
+@pytest.mark.evidence
 def test_limits_hold_the_average_slope_as_often_as_they_say():
     limits = [slope_limits(index) for index in range(STUDIES)]
     missed = sum(not lower < 0.0 < upper for lower, upper in limits)
