@@ -141,7 +141,7 @@ def test_tools(tmp_path_factory, name, trials):
 
 
 @pytest.mark.evidence(reduced=True)
-@settings(max_examples=400 if LONG else 15, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=400 if LONG else 8, deadline=None, suppress_health_check=list(HealthCheck))
 @given(trials=studies())
 def test_own_csv_is_never_refused(tmp_path_factory, trials):
     want = Sessions.from_frame(frame(trials))
@@ -152,7 +152,7 @@ def test_own_csv_is_never_refused(tmp_path_factory, trials):
     pd.testing.assert_frame_equal(got.table, want.table, check_exact=True)
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
 @given(trials=studies(easy))
 def test_simple_ids_are_accepted_in_every_common_dialect(tmp_path_factory, trials):
     """The property above would hold for a reader that refuses everything; this one would not."""
