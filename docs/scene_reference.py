@@ -34,7 +34,6 @@ _TITLES = {
     "Quantity": "A quantity",
     "ColumnRule": "A column",
     "ExcludeRule": "A rule of exclude",
-    "FilesTable": "files",
 }
 
 

@@ -20,7 +20,7 @@ from percept.errors import PerceptError, UsageError
 from percept.files import exclusive, inert, own_folder, whole_file
 from percept.scene import Scene
 from percept.sessions import read_sessions
-from percept.sessions.paths import expand, fitting, is_pattern, may_be_study
+from percept.sessions.inputs import expand, fitting, is_pattern, may_be_study
 from percept.study import Study
 from percept.workers import Mapper
 

@@ -113,7 +113,7 @@ def test_half_of_a_character_and_an_empty_frame_are_refused(tmp_path):
     ):
         with pytest.raises(UsageError, match="half of a character"):
             read()
-    with pytest.raises(UsageError, match="the table is empty"):
+    with pytest.raises(UsageError, match="the file has no header"):
         Sessions.from_frame(pd.DataFrame())
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from percept.commands import JSON, Command, argument, number
 from percept.commands.analysis import SESSIONS, Working, read_scene
-from percept.errors import UsageError, counted, printable
+from percept.errors import UsageError, counted
 from percept.files import write_whole
 
 
@@ -24,7 +24,7 @@ def _validate(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(found.to_dict(), ensure_ascii=False, indent=2, default=str))
     else:
-        print(format_validation(found, say=printable))
+        print(format_validation(found))
     return found.exit_code
 
 
@@ -37,17 +37,19 @@ def _new(arguments: argparse.Namespace) -> None:
         _write_new(arguments.path, text)
         print(arguments.path)
         return
-    from percept.sessions import propose_columns
+    from percept.sessions import propose_scene
 
-    proposal = propose_columns(*arguments.data)
-    _write_new(arguments.path, proposal.text)
-    print(proposal.text, file=sys.stderr)
+    scene = propose_scene(*arguments.data)
+    _write_new(arguments.path, scene)
+    print(scene, file=sys.stderr)
     print(arguments.path)
-    left = "Look through it."
-    if proposal.left:
-        left = f'{counted(proposal.left, "line")} to edit: replace each "?".'
+    to_edit = scene.count(' = "?"')
+    left = f'{counted(to_edit, "line")} to edit: replace each "?".'
     command = ["percept", "report", *arguments.data, "--scene", arguments.path, "--out", "results"]
-    print(f"percept: {left} Then run: {shlex.join(command)}", file=sys.stderr)
+    print(
+        f"percept: {left if to_edit else 'Look through it.'} Then run: {shlex.join(command)}",
+        file=sys.stderr,
+    )
 
 
 def _write_new(path: str, text: str) -> None:

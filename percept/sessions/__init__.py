@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
-from percept.sessions.proposals import Proposal, propose_columns
+from percept.sessions.proposals import propose_scene
 from percept.sessions.quantities import Quantity
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.records import Exclusion, Notice, ReadError, Source
@@ -14,7 +14,6 @@ __all__ = [
     "ExcludeRule",
     "Exclusion",
     "Notice",
-    "Proposal",
     "Quantity",
     "ReadError",
     "ReadOptions",
@@ -22,7 +21,7 @@ __all__ = [
     "Source",
     "Validation",
     "format_validation",
-    "propose_columns",
+    "propose_scene",
     "read_sessions",
     "validate",
 ]

@@ -30,11 +30,6 @@ _ABOUT = 3.0
 #: A whole turn in units of angles.
 _TURNS = dict.fromkeys(("deg", "°", "degree", "degrees"), 360.0)
 _TURNS |= dict.fromkeys(("rad", "radian", "radians"), 2 * np.pi)
-#: Cyrillic and Greek letters, and the Latin ones that look the same.
-_HOMOGLYPHS = str.maketrans(
-    "АВЕКМНОРСТХаеорсухіѕјԁһ" + "ΑΒΕΖΗΙΚΜΝΟΡΤΥΧονκρ",
-    "ABEKMHOPCTXaeopcyxisjdh" + "ABEZHIKMNOPTYXovkp",
-)
 
 
 def angles(
@@ -164,20 +159,20 @@ def _other_units(table: pd.DataFrame, adj: str, ref: str) -> Iterator[tuple[int,
 def remarks(table: pd.DataFrame, log: Log) -> Iterator[str]:
     """Name ids that look alike or like a missing value, and cells of several sessions."""
     for column in IDS:
+        first = table[column].drop_duplicates()
+        for name in filter(is_missing, first):
+            placed = _placed(table, first, name, log)
+            yield f"{column} {placed} is taken as a name: is it a missing value?"
         alike: dict[str, list[str]] = {}
-        for index, name in table[column].drop_duplicates().items():
-            file, row = log.place(table, index)
-            written = clip(name)
-            # Letters that look like Latin ones are written by their number.
-            quoted = repr(written) if name == name.translate(_HOMOGLYPHS) else ascii(written)
-            text = f"{quoted} ({file}:{row})"
-            alike.setdefault(_look(name), []).append(text)
-            if is_missing(name):
-                yield f"{column} {text} is taken as a name: is it a missing value?"
-        for texts in alike.values():
-            if len(texts) > 1:
-                text = f"{column}s {', '.join(texts)} look alike and are kept apart"
-                yield f"{text}: if they are one, write them alike in the files"
+        for name in first:
+            alike.setdefault(_look(name), []).append(name)
+        for names in alike.values():
+            if len(names) > 1:
+                listed = ", ".join(_placed(table, first, name, log) for name in names)
+                yield (
+                    f"{column}s {listed} look alike and are kept apart: if they are one, write them"
+                    " alike in the files"
+                )
     counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique()
     several = int((counts > 1).sum())
     if several:
@@ -188,9 +183,15 @@ def remarks(table: pd.DataFrame, log: Log) -> Iterator[str]:
         )
 
 
+def _placed(table: pd.DataFrame, first: pd.Series[str], name: str, log: Log) -> str:
+    """Write a name with the file and row where it stands first."""
+    file, row = log.place(table, first.index[first == name][0])
+    return f"{clip(name)!r} ({file}:{row})"
+
+
 def _look(name: str) -> str:
-    """Reduce a name to its looks: "P_01" and "p1" are alike, and so are letters of two scripts."""
-    plain = unicodedata.normalize("NFKC", fold(name)).translate(_HOMOGLYPHS).casefold()
+    """Reduce a name to its looks: "P_01" and "p1" are alike."""
+    plain = unicodedata.normalize("NFKC", fold(name)).casefold()
     try:
         return f"{float(plain):.15g}"
     except ValueError:

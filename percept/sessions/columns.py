@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from itertools import product
 
 from percept.errors import UsageError, did_you_mean
+from percept.sessions.grid import Grid
 from percept.sessions.options import (
     KEPT_COLUMNS,
     SUMMARY,
@@ -18,7 +19,6 @@ from percept.sessions.options import (
 )
 from percept.sessions.quantities import IMPEDANCE, Quantities, numbers_of, with_mass
 from percept.sessions.records import NoDataError, shown
-from percept.sessions.text import Grid
 
 _WORDS = {
     "subject": (
@@ -129,8 +129,8 @@ def _refuse_missing(grid: Grid, rules: _Rules) -> None:
         if canonical not in there:
             is_trials = any(column.endswith("_adj") for column in there)
             message = f"[columns] names {rule.name!r} for {canonical}, and no column has that name."
-            hint = f"The columns are {shown(grid.header)}.{did_you_mean(rule.name, grid.header)}"
-            raise grid.error(message, rule.name, hint, UsageError if is_trials else NoDataError)
+            kind = UsageError if is_trials else NoDataError
+            raise grid.error(message, rule.name, grid.columns_like(rule.name), kind)
 
 
 def _named_by_reference(rules: _Rules, options: ReadOptions) -> list[str]:

@@ -1,12 +1,13 @@
-"""What is seldom meant in a study that can be read: warnings to look at before believing it."""
+"""What is seldom meant in a study that can be read: warnings, mistyped adjustments among them."""
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,6 @@ from percept.sessions.merged import by_environment
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import MOST_CONDITIONS, Factors, Found, shown
-from percept.sessions.slips import slips
 
 #: Numbers that stand for a missing value: -999, 9999 and others of nines, in any unit.
 _CODE = re.compile(r"99+0*")
@@ -33,6 +33,27 @@ _LOGARITHMIC = re.compile(r"db.*|bels?|np|phons?|cents?|semitones?|octaves?|deca
 _ENOUGH = 4
 
 
+#: Decades from the median of the others (a factor of 30) that are hardly ever a person's.
+_GROSS = float(np.log10(30.0))
+#: Subjects an environment needs for its median to say anything of one of them.
+_FEWEST = 3
+#: Decades by which a digit too many or too few may miss ten: within a factor of two.
+_NEAR_TEN = float(np.log10(2.0))
+#: Decades from the median of all trials at which a value is looked at: of two trials the median
+#: lies half-way.
+_LOOKED_AT = 0.5 * (1.0 - _NEAR_TEN)
+#: An environment with more of such values has wide scatter, and no slips.
+_MOST_LOOKED_AT = 1_000
+#: SDs of the other trials beyond which a value is no ordinary one: one in 16,000 of normal ones.
+_FAR = 4.0
+#: SD in decades that subjects usually have: a factor of 1.4.
+_USUAL_SD = 0.15
+#: SDs between the quartiles of normal values.
+_QUARTILES = 1.349
+#: Degrees of freedom that the scatter elsewhere counts for beside that of the environment itself.
+_ELSEWHERE = 3.0
+
+
 @dataclass(frozen=True)
 class Trials:
     """The trials of a study, and how they were read."""
@@ -41,7 +62,6 @@ class Trials:
     quantities: Sequence[Quantity]
     options: ReadOptions
     factors: Factors | None
-    left_out: bool  # Adjustments at limits, so that some cells may have lost all trials
 
 
 def doubts(trials: Trials) -> Iterator[Found]:
@@ -156,28 +176,22 @@ def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Found]:
     # The normal family takes zeros and negative values; only a few zeros are doubted there.
     if trials.options.family != "lognormal" and (no_ratio or not few_zeros):
         return
-    least = float(values[values > 0].min())
-    why = "no adjustment" if few_zeros else "slip of sign"
-    rule = f'[sessions] exclude = [{{ column = "{column}", below = {least!r}, why = "{why}" }}]'
+    way = 'To leave out this many biases the rest: set family = "normal" in [inference].'
     if no_ratio:
         way = (
             'References of zero or below have no ratio: set family = "normal" in [inference] and'
-            " scale in [model]. If the zero of the scale is arbitrary, add one offset to"
-            f" {reference} and {column} in [columns]."
-        )
-    elif few_zeros:
-        way = (
-            f"If they are failed trials, {rule} leaves them out and logs them. If zero is an end"
-            f" of the control, limits = [0.0, inf] below [quantities.{parameter}] leaves them out"
-            ' and counts them. If people meant them, set family = "normal" in [inference].'
+            " scale in [model]."
         )
     elif few:
+        least = float(values[values > 0].min())
+        why = "no adjustment" if few_zeros else "slip of sign"
         way = (
-            f"If nobody meant that, {rule} leaves such trials out and logs them. If people meant"
-            ' it, set family = "normal" in [inference].'
+            "If nobody meant that, [sessions] exclude ="
+            f' [{{ column = "{column}", below = {least!r}, why = "{why}" }}] leaves such trials out'
+            " and logs them. If zero is an end of the control, limits = [0.0, inf] below"
+            f" [quantities.{parameter}] leaves them out and counts them. If people meant it, set"
+            ' family = "normal" in [inference].'
         )
-    else:
-        way = 'To leave out this many biases the rest: set family = "normal" in [inference].'
     text = f"{_share(len(low), len(known), parameter)} zero or negative, here the first. {way}"
     if not no_ratio:
         text += f" There are {by_environment(known, values <= 0)}."
@@ -249,13 +263,12 @@ def _empty_cells(trials: Trials) -> Iterator[Found]:
     """Name the subjects that lack an environment."""
     cells = empty_cells(trials.table, trials.factors)
     lacking = [f"{subject} at {name}" for subject, name in cells]
-    what = "no trial left" if trials.left_out else "no trial"
     of_subjects = trials.table.groupby("subject", sort=False)["environment"].nunique()
     if lacking and len(of_subjects) > 1 and (of_subjects == 1).all():
         yield Found("each subject met one environment: environments are groups of subjects")
     elif lacking:
         has = "has" if len(lacking) == 1 else "have"
-        yield Found(f"{counted(len(lacking), 'cell')} {has} {what}: {shown(lacking)}")
+        yield Found(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
 
 
 def _pooled(trials: Trials) -> Iterator[Found]:
@@ -267,22 +280,93 @@ def _pooled(trials: Trials) -> Iterator[Found]:
         sizes = ", ".join(
             f"{shown([str(name)])} {counted(int(n), 'subject')}" for name, n in levels.items()
         )
-        text = f"{len(levels)} groups ({sizes}) are pooled: "
-        compare = f'"percept compare FILE --by {column}" compares'
-        if (trials.table.groupby("subject", sort=False)[column].nunique() > 1).any():
-            text += (
-                "a subject's trials of every group count as repeats of one another."
-                f' [study] factor = "{column}" contrasts them.'
-            )
-        elif len(levels) == 2:
-            text += f"every interval is of all groups together. {compare} them."
-        else:
-            two = ", ".join(f'"{name}"' for name in levels.index[:2])
-            text += (
-                f"every interval is of all groups together. {compare} two of them, which [sessions]"
-                f" only = {{ {column} = [{two}] }} keeps."
-            )
+        text = (
+            f"{len(levels)} groups ({sizes}) are pooled: every interval is of all groups together."
+            f' [study] factor = "{column}" contrasts them; "percept compare FILE --by {column}"'
+            " compares two groups of different subjects."
+        )
         yield Found(text, column)
+
+
+@dataclass(frozen=True)
+class Slip:
+    """One adjustment that may be mistyped, and the other trials of its environment."""
+
+    index: int  # Label of its row in the table of trials
+    environment: str
+    parameter: str
+    text: str  # The value, and what lets one doubt it
+
+
+def slips(table: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Slip]:
+    """Find adjustments that look mistyped, by quantity and in the order of the rows.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Trials as `Sessions.table` has them.
+    quantities : iterable of Quantity
+        What was adjusted.
+
+    Yields
+    ------
+    Slip
+        A value about ten times, or a tenth of, what the others and the same subject's other trials
+        lead one to expect; or thirty times off the median of the others, either way.
+    """
+    for quantity in quantities:
+        name = quantity.name
+        trials = table[table[f"{name}_adj"] > 0]
+        reference = trials[f"{name}_ref"]
+        shown_at = np.log10(reference.where(reference > 0))
+        values = trials[f"{name}_adj"]
+        found = dict(_mistyped(trials, np.log10(values), shown_at))
+        for index in sorted(found):
+            environment = trials["environment"][index]
+            text = (
+                f"{name} = {values[index]:.6g} of subject {shown([trials['subject'][index]])},"
+                f" where the other trials of {shown([environment])} have a median of"
+                f" {values[found[index]].median():.6g}"
+            )
+            yield Slip(index, environment, name, text)
+
+
+def _mistyped(
+    trials: pd.DataFrame, decades: pd.Series[float], shown_at: pd.Series[float]
+) -> Iterator[tuple[Any, pd.Index]]:
+    """Find rows that a digit explains, or nothing does; with the rows beside each."""
+    grouped = decades.groupby(trials["environment"], sort=False)
+    off = decades - grouped.transform("median")
+    sds = (grouped.quantile(0.75) - grouped.quantile(0.25)) / _QUARTILES
+    environment: Any
+    for environment, own in grouped:
+        candidates = own[off[own.index].abs() > _LOOKED_AT]
+        if len(own) < 2 or len(candidates) > _MOST_LOOKED_AT:
+            continue
+        elsewhere = sds.drop(environment).median() if len(sds) > 1 else _USUAL_SD
+        subjects = trials["subject"][own.index].nunique()
+        index: Any
+        for index, value in candidates.items():
+            others = own.drop(index)
+            low, median, high = np.quantile(others, (0.25, 0.5, 0.75))
+            distance = abs(value - median)
+            is_gross = distance > _GROSS and subjects >= _FEWEST
+            if not (is_gross or abs(distance - 1.0) <= _NEAR_TEN):
+                continue
+            # Of two trials either may be the slip: it is the one farther from what was shown.
+            reference = shown_at[index]
+            if len(others) == 1 and not abs(value - reference) > abs(median - reference):
+                continue
+            freedom = len(others) - 1
+            own_sd = (high - low) / _QUARTILES
+            variance = _ELSEWHERE * elsewhere**2 + freedom * own_sd**2
+            variance /= _ELSEWHERE + freedom
+            if distance <= _FAR * np.sqrt(variance * (1.0 + 1.0 / len(others))):
+                continue
+            # A subject who is as far off in other trials has a habit, or another unit.
+            of_subject = off[trials["subject"] == trials["subject"][index]].drop(index)
+            if not abs(value - median - of_subject.median()) < 1.0 - _NEAR_TEN:
+                yield index, others.index
 
 
 _CHECKS: tuple[Callable[[Trials], Iterator[Found]], ...] = (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container, Iterable, Mapping
-from pathlib import PurePath
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
@@ -111,10 +110,8 @@ class ColumnRule(Table):
         Dotted path into a JSON cell ("response.k"; a number picks from a list, -1 its last item).
     also : tuple of str
         Further columns of an id made of several: their texts follow, joined by hyphens.
-    offset : float
-        Added to the file's numbers, in their unit: for a scale whose zero is arbitrary.
     scale : float
-        Then multiplies the numbers: for a unit without a name.
+        Multiplies the file's numbers: for a unit without a name.
     response : {"ratio", "difference", "log"}, optional
         What the numbers are, if not the quantity itself: of an adjustment, its ratio to the
         reference or its difference from it; of any column, its logarithm to base ten. With
@@ -125,7 +122,6 @@ class ColumnRule(Table):
     unit: str | None = None
     path: str | None = None
     also: Texts = ()
-    offset: Number = 0.0
     scale: Number = 1.0
     response: Literal["ratio", "difference", "log"] | None = None
 
@@ -201,28 +197,6 @@ def _named(value: Any) -> Any:
     return tables or dict(IMPEDANCE)
 
 
-class FilesTable(Table):
-    """Which files of folders and archives are read, as patterns of their names.
-
-    Attributes
-    ----------
-    include : tuple of str
-        Patterns of the files to read, such as "*_trials.csv"; every file by default.
-    exclude : tuple of str
-        Patterns of the files to leave out.
-    """
-
-    include: Texts = ()
-    exclude: Texts = ()
-
-    def wants(self, path: str) -> bool:
-        """Whether a file's name fits `include`, if it is not empty, and not `exclude`."""
-        fits = PurePath(path).match
-        return (not self.include or any(map(fits, self.include))) and not any(
-            map(fits, self.exclude)
-        )
-
-
 class FileLimits(Table):
     """Limits that files meet before they are read, so that a hostile one fills no memory.
 
@@ -273,7 +247,6 @@ class SessionsTable(Table):
     exclude: tuple[ExcludeRule, ...] = ()
     sheet: Text | None = None
     missing: Texts = ()
-    files: FilesTable = FilesTable()
 
     @property
     def marks(self) -> frozenset[str]:
@@ -407,11 +380,6 @@ class ReadOptions(DataTables):
             message = f"the sessions were read without {tables} of the scene."
             hint = "Read them with it: read_sessions(files, scene=scene)."
             raise UsageError(message, hint=hint)
-
-    def with_columns(self, columns: Mapping[str, Any] | None) -> ReadOptions:
-        """Return a copy in which further columns are declared, which go before those there are."""
-        both = {**self.columns, **columns} if isinstance(columns, Mapping) else columns
-        return self if columns is None else ReadOptions(**dict(self) | {"columns": both})
 
     def with_groups(self, groups: Iterable[str]) -> ReadOptions:
         """Return a copy that keeps further columns as groups of subjects."""

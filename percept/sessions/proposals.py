@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from percept.errors import printable
+from percept.errors import UsageError, printable
 from percept.sessions.columns import aliases, plain
-from percept.sessions.files import load
-from percept.sessions.layout import refuse_headless
+from percept.sessions.grid import Grid, refuse_headless
+from percept.sessions.inputs import expand, load
 from percept.sessions.options import ReadOptions
-from percept.sessions.paths import expand
-from percept.sessions.quantities import IMPEDANCE, TO_FILL_IN, quantity_of
+from percept.sessions.quantities import IMPEDANCE, TO_FILL_IN, factor, quantity_of
 from percept.sessions.records import Problems, shown
 from percept.sessions.tables import read_grid
-from percept.sessions.text import Grid
 from percept.sessions.values import is_missing
 
 #: Files of a folder, and members of an archive, that are looked at.
@@ -43,10 +42,8 @@ _WORDS = {
     " key keys button count index history accuracy acc correct id sd se nr no num number code",
 }
 _BRACKETED = re.compile(r"[(\[]\s*([^)\]]+?)\s*[)\]]\s*$")
-_STIFFNESS = ("k", {"", "N/m", "N/mm", "N/cm", "kN/m"})
-_DAMPING = ("b", {"", "N·s/m", "N*s/m", "Ns/m", "N·s/mm", "N*s/mm", "Ns/mm"})
-#: percept's own names of quantities, by words of a column, with the units that convert.
-_OWN = {"k": _STIFFNESS, "stiffness": _STIFFNESS, "b": _DAMPING, "damping": _DAMPING}
+#: percept's own quantities, by words of a column.
+_OWN = {"k": "k", "stiffness": "k", "b": "b", "damping": "b"}
 #: What to write in the place of a "?".
 _ASK = {
     "subject": 'its column; or remove this line and write, below [sessions], subject = "row" or'
@@ -62,19 +59,6 @@ _ASK = {
 }
 _HEAD = '# What the names of columns in {} say. Write what is right in the place of each "?".'
 _REST = '# Every other key has its default: "percept new all.toml" writes them all, to copy from.'
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A scene as far as names of columns say it."""
-
-    text: str  #: TOML; comments say what each column holds
-    roles: Mapping[str, str]  #: Column, or "?", by canonical column
-
-    @property
-    def left(self) -> int:
-        """How many lines somebody has to edit."""
-        return self.text.count(f" = {_toml(TO_FILL_IN)}")
 
 
 @dataclass(frozen=True)
@@ -109,7 +93,7 @@ class _Column:
 _Roles = dict[str, _Column | None]
 
 
-def propose_columns(*paths: str | Path) -> Proposal:
+def propose_scene(*paths: str | Path) -> str:
     """Write a scene for files with unknown column names, as far as these say what is what.
 
     Parameters
@@ -120,7 +104,8 @@ def propose_columns(*paths: str | Path) -> Proposal:
 
     Returns
     -------
-    Proposal
+    str
+        TOML; comments say what each column holds, and a "?" stands where somebody must decide.
 
     Raises
     ------
@@ -135,15 +120,12 @@ def propose_columns(*paths: str | Path) -> Proposal:
             for entry in islice(load(file, options.files), _FILES):
                 with problems.collecting():
                     grid = read_grid(entry, options, [])
-                    rows = [cells for _, cells in grid.sample]
-                    refuse_headless(grid.header, rows, entry.name)
+                    refuse_headless(grid)
                     tables.setdefault(tuple(grid.header), (entry.name, _columns(grid)))
     if not tables:
         problems.raise_if_any()
-    file, columns = max(
-        tables.values(), key=lambda table: sum(map(bool, _roles(table[1]).values()))
-    )
-    return _proposal(file, columns, [other for other in tables.values() if other[0] != file])
+    best = max(tables.values(), key=lambda table: sum(map(bool, _roles(table[1]).values())))
+    return _scene(*best, [table for table in tables.values() if table is not best])
 
 
 def _columns(grid: Grid) -> list[_Column]:
@@ -152,28 +134,22 @@ def _columns(grid: Grid) -> list[_Column]:
     for position, name in enumerate(grid.header):
         cells = dict.fromkeys(cells[position].strip() for _, cells in grid.sample)
         bracketed = _BRACKETED.search(name)
-        unit = bracketed[1] if bracketed else grid.layout.units.get(name, "")
+        unit = bracketed[1] if bracketed else grid.units.get(name, "")
         columns.append(_Column(name, unit, [cell for cell in cells if not is_missing(cell)]))
     return columns
 
 
 def _roles(columns: Sequence[_Column]) -> _Roles:
-    """Give each canonical column that a scene needs its column."""
+    """Give each canonical column that a scene needs its column; percept's own name goes before."""
     roles: _Roles = {}
-    for role in ("subject", "session", "environment", "trial"):
-        named = _named(role, columns)
+    for role, words in _IDS.items():
+        names = {*aliases(IMPEDANCE)[role], *words.split()}
+        named = [column for column in columns if plain(column.name) == role] or [
+            column for column in columns if names & {plain(column.name), "_".join(column.words)}
+        ]
         if named or role in ("subject", "environment"):
             roles[role] = named[0] if len(named) == 1 else None
     return roles | _matched(columns)
-
-
-def _named(role: str, columns: Sequence[_Column]) -> list[_Column]:
-    """Give the columns whose whole name is one of an id; percept's own name goes before."""
-    own = [column for column in columns if plain(column.name) == role]
-    names = {*aliases(IMPEDANCE)[role], *_IDS[role].split()}
-    return own or [
-        column for column in columns if names & {plain(column.name), "_".join(column.words)}
-    ]
 
 
 def _matched(columns: Sequence[_Column]) -> _Roles:
@@ -181,8 +157,8 @@ def _matched(columns: Sequence[_Column]) -> _Roles:
     adjusted = list(_of_role(columns, "adjusted", "reference"))
     references = list(_of_role(columns, "reference", "adjusted"))
     partners = [[other for other in references if _share(other[0], own[0])] for own in adjusted]
-    claimed = [other[1].name for others in partners for other in others]
-    roles = _of_own_names(columns)
+    claimed = [column.name for others in partners for _, column in others]
+    roles: _Roles = {}
     for (_, column), others in zip(adjusted, partners, strict=True):
         if len(others) == 1 and claimed.count(others[0][1].name) == 1:
             stem, reference = others[0]
@@ -191,21 +167,8 @@ def _matched(columns: Sequence[_Column]) -> _Roles:
     if roles:
         return roles
     if len(adjusted) == 1 and not adjusted[0][0] and not claimed:
-        _, column = adjusted[0]
-        name = _quantity((), column.unit)
-        return {f"{name}_ref": None, f"{name}_adj": column}
+        return {"response_ref": None, "response_adj": adjusted[0][1]}
     return {"response_ref": None, "response_adj": None}
-
-
-def _of_own_names(columns: Sequence[_Column]) -> _Roles:
-    """Give percept's own names their columns; where one is there, its partner is asked for."""
-    named = {column.name: column for column in columns}
-    roles: _Roles = {}
-    for quantity in IMPEDANCE:
-        pair = {name: named.get(name) for name in (f"{quantity}_ref", f"{quantity}_adj")}
-        if any(pair.values()):
-            roles |= pair
-    return roles
 
 
 def _of_role(
@@ -237,45 +200,38 @@ def _share(reference: tuple[str, ...], adjusted: tuple[str, ...]) -> bool:
 def _quantity(stem: tuple[str, ...], unit: str) -> str:
     """Name a quantity by what its columns share."""
     name = "_".join(stem)
-    own, units = _OWN.get(name, ("", set()))
-    if unit in units:
-        return own
+    if name in _OWN:
+        with suppress(UsageError):
+            factor(unit or None, IMPEDANCE[_OWN[name]])
+            return _OWN[name]
     valid = re.fullmatch("[a-z][a-z0-9]*(_[a-z0-9]+)*", name)
     return name if valid and name not in {*_IDS, *IMPEDANCE} else "response"
 
 
-def _proposal(
+def _scene(
     file: str, columns: Sequence[_Column], others: Sequence[tuple[str, list[_Column]]]
-) -> Proposal:
+) -> str:
     """Write a scene: a line for each role, and a comment for each other column."""
     roles = _roles(columns)
     lines = [_HEAD.format(shown([file]))]
     for other, unread in others:
         names = shown([column.name for column in unread], limit=4)
         lines.append(f"# Not of {shown([other])}, with the columns {names}.")
-    lines += _quantities(roles)
+    quantities = dict.fromkeys(quantity_of(name) for name in roles if name not in _IDS)
+    if not quantities.keys() <= IMPEDANCE.keys():
+        for name in quantities:
+            lines += ["", f"[quantities.{name}]"]
+            if name not in IMPEDANCE:
+                unit = _unit(name, roles)
+                ask = "" if unit else '  # such as "ms"; "" for a pure number'
+                lines.append(f"unit = {_toml(unit or TO_FILL_IN)}{ask}")
     lines += ["", "[columns]"]
     lines += [f"{canonical} = {_line(canonical, roles)}" for canonical in roles]
     lines.append("")
     for column in columns:
         if column not in roles.values():
             lines.append(f"# {_toml(column.name)} ({column.seen})")
-    lines += ["", _REST]
-    named = {name: column.name if column else TO_FILL_IN for name, column in roles.items()}
-    return Proposal("\n".join(lines) + "\n", named)
-
-
-def _quantities(roles: _Roles) -> Iterator[str]:
-    """Tables of what was adjusted, unless that is stiffness and damping."""
-    names = dict.fromkeys(quantity_of(name) for name in roles if name.endswith(("_ref", "_adj")))
-    if names.keys() <= IMPEDANCE.keys():
-        return
-    for name in names:
-        yield from ("", f"[quantities.{name}]")
-        if name not in IMPEDANCE:
-            unit = _unit(name, roles)
-            ask = "" if unit else '  # such as "ms"; "" for a pure number'
-            yield f"unit = {_toml(unit or TO_FILL_IN)}{ask}"
+    return "\n".join([*lines, "", _REST, ""])
 
 
 def _unit(quantity: str, roles: _Roles) -> str:

@@ -33,7 +33,6 @@ from percept.sessions.records import (
     Source,
     once_per_kind,
 )
-from percept.sessions.slips import Slip, slips
 from percept.sessions.summary import read_summary
 from percept.sessions.tables import Log, OpenFile, open_files, open_frame
 from percept.sessions.trials import read_trials
@@ -163,9 +162,9 @@ class Sessions:
         quantities = [self.quantities[p] for p in self.parameters]
         found = list(doubts.logarithms(self._references, quantities))
         if self.form == "trials":
-            left_out = not self.at_limits.empty
-            trials = doubts.Trials(self.table, quantities, self.options, self.factors, left_out)
-            found += doubts.doubts(trials)
+            found += doubts.doubts(
+                doubts.Trials(self.table, quantities, self.options, self.factors)
+            )
         notices = []
         for message, column, index, *_ in found:
             file, row = (None, None) if index is None else self.locate(index)
@@ -173,11 +172,11 @@ class Sessions:
         return tuple(notices)
 
     @cached_property
-    def slips(self) -> tuple[Slip, ...]:
+    def slips(self) -> tuple[doubts.Slip, ...]:
         """Adjustments that look mistyped; none in summary form."""
         if self.form != "trials":
             return ()
-        return tuple(slips(self.table, [self.quantities[p] for p in self.parameters]))
+        return tuple(doubts.slips(self.table, [self.quantities[p] for p in self.parameters]))
 
     def left_out(self, environment: str, parameter: str) -> int:
         """Count the adjustments of a cell that are left out at a limit of their control."""
@@ -205,24 +204,16 @@ class Sessions:
         return f"{self.table.head(10).to_html(escape=True, index=False)}<ul>{items}</ul>"
 
 
-def read_sessions(
-    *paths: str | Path | pd.DataFrame,
-    scene: DataTables | None = None,
-    columns: Mapping[str, Any] | None = None,
-) -> Sessions:
-    """Read session files, or a DataFrame, into one checked table.
+def read_sessions(*paths: str | Path, scene: DataTables | None = None) -> Sessions:
+    """Read session files into one checked table.
 
     Parameters
     ----------
-    *paths : str, Path or DataFrame
-        Files, folders or glob patterns; CSV in any dialect, gz and zip archives of them, Parquet
-        and Excel. Or one DataFrame, with the columns of a session file.
+    *paths : str or Path
+        Files, folders or glob patterns; docs/files.md lists what percept reads.
     scene : Scene or ReadOptions, optional
         Its [quantities], [columns], [sessions], [environments], [files] and [study] factor say how
         the files are read. Give the same scene to :class:`~percept.Study`.
-    columns : mapping, optional
-        From canonical name (subject, session, environment, trial, k_ref, b_ref, k_adj, b_adj) to
-        the files' own column name or a table {name, unit, path}. It goes before the scene's.
 
     Returns
     -------
@@ -236,17 +227,8 @@ def read_sessions(
         What cannot be read as it stands, each problem with file, row, column, value and what to do;
         a :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
     """
-    options = ReadOptions.of(scene).with_columns(columns)
-    files: list[str | Path] = []
-    for path in paths:
-        if not isinstance(path, pd.DataFrame):
-            files.append(path)
-        elif len(paths) == 1:
-            return Sessions.from_frame(path, scene=options)
-        else:
-            hint = "Put all rows into one: pandas.concat."
-            raise UsageError("a DataFrame is read alone.", hint=hint)
-    return _merged(options, lambda log: open_files(files, log), [str(path) for path in files])
+    options = ReadOptions.of(scene)
+    return _merged(options, lambda log: open_files(paths, log), [str(path) for path in paths])
 
 
 def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) -> Sessions:
@@ -259,7 +241,7 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
             form = file.resolution.form
             first_of_form.setdefault(form, file.name)
             frame = read_summary(file) if form == "summary" else read_trials(file)
-            frames.append(frame.assign(file=len(log.sources)))
+            frames.append(frame.assign(file=len(log.sources) - 1))
     form, *others = first_of_form or [""]
     if others:
         message = "trials and a published summary cannot be read together."

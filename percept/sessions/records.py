@@ -73,7 +73,7 @@ class Found(NamedTuple):
     """What a check finds in a table: what is wrong, its column, row and value, and what to do."""
 
     message: str
-    column: str | None = None
+    column: Any = None  # Its name, or a label that has one
     row: Any = None  # Label in the table
     value: object = None
     hint: str = ""

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions.records import shown
+from percept.sessions.records import Found, shown
 from percept.sessions.tables import OpenFile
 
 #: Limits at any level give back the mean and SD they were made of.
@@ -31,8 +31,9 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
     cells = file.cells(positions)[positions].set_axis(list(columns), axis=1)
     numbers = file.numbers(cells, names, "Correct the cell.")
     for name in names:
-        for row in cells.index[file.is_missing(cells[name])].tolist():
-            file.report(name, row, "a published table has no empty cells.", hint="Fill it in.")
+        empty = cells.index[file.is_missing(cells[name])].tolist()
+        message = "a published table has no empty cells."
+        file.report(Found(message, name, row, hint="Fill it in.") for row in empty)
     frame = cells[["environment", "parameter"]].assign(level=_LEVEL, row=cells.index)
     for name, column in numbers.items():
         frame[name] = column
@@ -59,8 +60,9 @@ def _with_limits(file: OpenFile, frame: pd.DataFrame) -> pd.DataFrame:
     from scipy.special import stdtrit
 
     sd = frame["sd"]
-    for row, value in zip(frame["row"][sd < 0], sd[sd < 0], strict=True):
-        file.report("sd", int(row), "a standard deviation is not negative.", value, "Correct it.")
+    message = "a standard deviation is not negative."
+    wrong = zip(frame["row"][sd < 0].tolist(), sd[sd < 0], strict=True)
+    file.report(Found(message, "sd", row, value, "Correct it.") for row, value in wrong)
     n = frame["n"]
     level = frame["level"]
     # Impossible n and levels are told by the checks of the whole study.

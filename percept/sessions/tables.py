@@ -16,10 +16,9 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions.columns import Resolution, check_columns, resolve, unused_columns
-from percept.sessions.files import Input, decode, is_workbook, load
-from percept.sessions.layout import LayoutError, refuse_headless
+from percept.sessions.grid import Grid, LayoutError, refuse_headless
+from percept.sessions.inputs import Input, decode, expand, ids_from_name, is_workbook, load
 from percept.sessions.options import ExcludeRule, ReadOptions
-from percept.sessions.paths import expand, ids_from_name
 from percept.sessions.quantities import factor, quantity_of, with_mass
 from percept.sessions.records import (
     Exclusion,
@@ -30,7 +29,7 @@ from percept.sessions.records import (
     Source,
     shown,
 )
-from percept.sessions.text import Grid, text_grid
+from percept.sessions.text import text_grid
 from percept.sessions.typed import grid_of, is_typed, sheets, typed_grid
 from percept.sessions.values import SPACE, decimal_mark, parse_numbers
 
@@ -75,6 +74,7 @@ class OpenFile:
     grid: Grid
     resolution: Resolution
     ids: Mapping[str, str]  # Of the file's name
+    digest: str  # SHA-256 of its bytes
     log: Log
 
     @property
@@ -91,18 +91,19 @@ class OpenFile:
         """Say something about the whole file."""
         self.log.notices.append(Notice(text, self.name))
 
-    def report(
-        self, column: Any, row: Any, message: str, value: object = None, hint: str = ""
-    ) -> None:
-        """Record a problem of a column, by its canonical name or its own label."""
-        canonical = str(getattr(column, "name", column))
-        rule = self.resolution.rules.get(canonical)
-        own = canonical if rule is None else rule.name
-        hint = hint.replace("COLUMN", own).replace("CANONICAL", canonical)
-        self.log.problems.add(message, file=self.name, row=row, column=own, value=value, hint=hint)
+    def report(self, problems: Iterable[Found]) -> None:
+        """Record problems of columns, by their canonical names or labels, and physical rows."""
+        for message, column, row, value, hint in problems:
+            canonical = str(getattr(column, "name", column))
+            rule = self.resolution.rules.get(canonical)
+            name = canonical if rule is None else rule.name
+            hint = hint.replace("COLUMN", name).replace("CANONICAL", canonical)
+            self.log.problems.add(
+                message, file=self.name, row=row, column=name, value=value, hint=hint
+            )
 
     def cells(self, positions: Collection[int]) -> pd.DataFrame:
-        """Give the texts of columns by position; the index is the physical line."""
+        """Read all rows; give columns of texts by position. The index is the physical line."""
         limits = self.options.files
         rows = self.grid.rows()
         lines: list[int] = []
@@ -118,6 +119,7 @@ class OpenFile:
         self.log.counts["rows read"] += len(lines)
         self.log.counts.update(self.grid.dropped)
         self.log.notices += self.grid.notices
+        self.log.sources.append(Source(self.name, self.digest, len(lines)))
         return pd.DataFrame(texts, index=pd.Index(lines, dtype="int64"), dtype="str")
 
     def is_missing(self, cells: pd.Series[str]) -> npt.NDArray[np.bool_]:
@@ -132,35 +134,30 @@ class OpenFile:
 
         `correct` says what to do about a cell that has no better remedy.
         """
-
-        def report(column: Any, row: int, message: str, value: str, hint: str) -> None:
-            self.report(column, row, message, value, hint or correct)
-
         selection = self.options.sessions
         columns = {name: data[name] for name in names}
-        mark = selection.decimal or decimal_mark(columns, self.grid.delimiter, report)
-        return {
-            name: parse_numbers(name, cells, mark, selection.marks, report)
-            for name, cells in columns.items()
-        }
+        mark = selection.decimal
+        found: list[Found] = []
+        if mark is None:
+            mark, found = decimal_mark(columns, self.grid.delimiter)
+        numbers = {}
+        for name, cells in columns.items():
+            numbers[name], odd = parse_numbers(name, cells, mark, selection.marks)
+            found += odd
+        self.report(problem._replace(hint=problem.hint or correct) for problem in found)
+        return numbers
 
 
 def open_files(paths: Sequence[str | Path], log: Log) -> Iterator[OpenFile]:
-    """Open files; an error of one becomes a problem, so that the next is read too.
-
-    A file is added to the sources once all of it is read.
-    """
-    wants = log.options.sessions.files.wants
-    files, notices = expand(paths, wants)
+    """Open files; an error of one becomes a problem, so that the next is read too."""
+    files, notices = expand(paths)
     log.notices += notices
     for file, named in files.items():
         with log.problems.collecting():
             for entry in load(file, log.options.files):
-                is_file = entry.name == file
-                if is_file or wants(entry.path):
-                    with log.problems.collecting():
-                        for part in _parts(entry, log.options):
-                            yield from _open_input(part, log, named=named and is_file)
+                with log.problems.collecting():
+                    for part in _parts(entry, log.options):
+                        yield from _open_input(part, log, named=named and entry.name == file)
 
 
 def _parts(entry: Input, options: ReadOptions) -> list[Input]:
@@ -173,22 +170,22 @@ def _parts(entry: Input, options: ReadOptions) -> list[Input]:
 
 def _open_input(entry: Input, log: Log, *, named: bool) -> Iterator[OpenFile]:
     """Open one input; nothing comes of a file without trials."""
+    digest = sha256(entry.data).hexdigest()
     try:
         grid = read_grid(entry, log.options, log.notices)
         ids = ids_from_name(entry.path, log.options.sessions.filename, file=entry.name)
-        table = _open(grid, ids, log)
+        file = _open(grid, ids, digest, log)
     except NoDataError as error:
         # A file that somebody named has to hold trials; one of a folder may be a companion.
         if error.column and named:
             raise
         log.without_trials.append(error)
         return
-    digest = sha256(entry.data).hexdigest()
     for source in log.sources:
         if source.sha256 == digest and "::" not in entry.name:
             message = f"byte for byte the same file as {source.name}."
             raise UsageError(message, file=entry.name, hint="Leave one of them out.")
-    yield from _read(table, digest)
+    yield file
 
 
 def open_frame(frame: pd.DataFrame, log: Log) -> Iterator[OpenFile]:
@@ -196,22 +193,14 @@ def open_frame(frame: pd.DataFrame, log: Log) -> Iterator[OpenFile]:
     limits = log.options.files
     limits.hold_table(len(frame), len(frame.columns), "<frame>")
     rows = [list(frame.columns), *frame.itertuples(index=False, name=None)]
-    yield from _read(_open(grid_of(rows, "<frame>", limits), {}, log), "")
+    yield _open(grid_of(rows, "<frame>", limits), {}, "", log)
 
 
-def _read(table: OpenFile, digest: str) -> Iterator[OpenFile]:
-    """Have a file read, and add it to the sources."""
-    counts = table.log.counts
-    before = counts["rows read"]
-    yield table
-    table.log.sources.append(Source(table.name, digest, counts["rows read"] - before))
-
-
-def _open(grid: Grid, ids: Mapping[str, str], log: Log) -> OpenFile:
+def _open(grid: Grid, ids: Mapping[str, str], digest: str, log: Log) -> OpenFile:
     """Find out from the header what kind of table a file is."""
     options = log.options
     found = _with_units(grid, resolve(grid, options), options)
-    file = OpenFile(grid, found, ids, log)
+    file = OpenFile(grid, found, ids, digest, log)
     if found.form == "trials":
         present = {*found.known, *ids}
         if options.sessions.subject == "row":
@@ -219,7 +208,7 @@ def _open(grid: Grid, ids: Mapping[str, str], log: Log) -> OpenFile:
         try:
             check_columns(grid, present, options, log.paths)
         except UsageError:
-            refuse_headless(grid.header, [cells for _, cells in grid.sample], grid.file)
+            refuse_headless(grid)
             raise
         log.numbered |= "trial" in found.known
         log.parameters |= {p for p in options.quantities if f"{p}_adj" in found.rules}
@@ -227,8 +216,8 @@ def _open(grid: Grid, ids: Mapping[str, str], log: Log) -> OpenFile:
     for text in found.announced:
         file.notice(text)
     for column in sorted(ids.keys() & found.rules.keys()):
-        own = found.rules[column].name
-        file.notice(f"{column} is taken from the file's name; column {own!r} is not used")
+        name = found.rules[column].name
+        file.notice(f"{column} is taken from the file's name; column {name!r} is not used")
     if unused := unused_columns(grid, found, options):
         file.notice(f"columns not used: {shown(unused)}")
     return file
@@ -236,8 +225,7 @@ def _open(grid: Grid, ids: Mapping[str, str], log: Log) -> OpenFile:
 
 def _with_units(grid: Grid, found: Resolution, options: ReadOptions) -> Resolution:
     """Give the columns of numbers the units of a row below the header, where there is one."""
-    layout = grid.layout
-    if not layout.units:
+    if not grid.units:
         return found
     quantities = with_mass(options.quantities)
     rules = dict(found.rules)
@@ -245,7 +233,7 @@ def _with_units(grid: Grid, found: Resolution, options: ReadOptions) -> Resoluti
     for canonical, rule in found.rules.items():
         quantity = quantities.get(quantity_of(canonical))
         columns = [slot.columns[canonical] for slot in found.slots if canonical in slot.columns]
-        words = {layout.units.get(grid.header[column], "") for column in columns}
+        words = {grid.units.get(grid.header[column], "") for column in columns}
         unit = max(words)
         if quantity is None or not unit:
             continue
@@ -258,18 +246,18 @@ def _with_units(grid: Grid, found: Resolution, options: ReadOptions) -> Resoluti
         rules[canonical] = rule.model_copy(update={"unit": unit})
         read.append(f"{shown([unit])} of {shown([rule.name])}")
     if not read or found.form == "summary":
-        raise _second_header(grid, *next(iter(layout.units.items())))
-    text = f"line {layout.units_row} is read as units: {', '.join(read)}"
-    grid.notices.append(Notice(text, grid.file, layout.units_row))
+        raise _second_header(grid, *next(iter(grid.units.items())))
+    text = f"line {grid.units_row} is read as units: {', '.join(read)}"
+    grid.notices.append(Notice(text, grid.file, grid.units_row))
     return replace(found, rules=rules)
 
 
 def _second_header(grid: Grid, column: str, word: str) -> LayoutError:
     """Say that a row of words below the header is no row of units, or that the scene differs."""
-    row = grid.layout.units_row
+    row = grid.units_row
     message = (
         f"line {row} is a second header, or a row of units that do not fit:"
-        f" {shown([*grid.layout.units.values()])}."
+        f" {shown([*grid.units.values()])}."
     )
     hint = (
         "Remove it. Units stand in the scene, below [columns], such as"

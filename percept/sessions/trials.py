@@ -18,7 +18,7 @@ from percept.errors import UsageError
 from percept.sessions import values
 from percept.sessions.options import KEPT_COLUMNS, canonical_columns
 from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
-from percept.sessions.records import IDS, MASS, Exclusion, shown
+from percept.sessions.records import IDS, MASS, Exclusion, Found, shown
 from percept.sessions.tables import OpenFile
 
 _CORRECT = "Correct the cell, or leave it empty if there was no adjustment."
@@ -185,7 +185,7 @@ def _picks(file: OpenFile, cells: pd.Series[str], canonical: str, path: str) -> 
             hint = (
                 f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
             )
-            file.report(canonical, row, f"{error}.", cell, hint)
+            file.report([Found(f"{error}.", canonical, row, cell, hint)])
         if value is None:
             lacking.append(cell)
         else:
@@ -221,14 +221,13 @@ def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
             blank = [name for name in data[column].unique() if not name.strip()]
             missing = data[column].isin(blank).to_numpy()
         rows = data.index[missing]
+        message = f"an adjustment has no {column}."
+        hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
         if len(rows) > 1 and missing.mean() >= _MERGED and not missing[0]:
             message = f"{len(rows)} of {len(data)} rows have no {column}: cells merged down?"
             hint = "Write it in every row: unmerge the cells, and fill each down."
-            file.report(column, rows[0], message, hint=hint)
-            continue
-        for row in rows:
-            hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
-            file.report(column, row, f"an adjustment has no {column}.", hint=hint)
+            rows = rows[:1]
+        file.report(Found(message, column, row, hint=hint) for row in rows)
 
 
 def _numbers(file: OpenFile, names: Iterable[Any]) -> list[Any]:
@@ -246,7 +245,7 @@ def _convert(file: OpenFile, data: pd.DataFrame) -> None:
         if name == "trial":
             data[name] = _whole(file, data[name])
         elif rule is not None:
-            converted = (numbers + rule.offset) * rule.scale
+            converted = numbers * rule.scale
             if rule.response == "log":
                 converted = np.power(10.0, converted)
             data[name] = convert(converted, rule.unit, quantities[quantity_of(name)])
@@ -255,10 +254,10 @@ def _convert(file: OpenFile, data: pd.DataFrame) -> None:
 def _whole(file: OpenFile, trials: pd.Series[float]) -> pd.Series[int]:
     """Numbers of trials; those that are not whole are problems."""
     whole = (trials.abs() < _WHOLE) & (trials == trials.round())
-    for row, value in trials[~whole & trials.notna()].items():
-        file.report(
-            "trial", row, "a trial number must be whole.", value, "Number the trials 1, 2, 3 …"
-        )
+    hint = "Number the trials 1, 2, 3 …"
+    wrong = trials[~whole & trials.notna()].items()
+    message = "a trial number must be whole."
+    file.report(Found(message, "trial", row, value, hint) for row, value in wrong)
     return trials.where(whole, 0).astype(np.int64)
 
 

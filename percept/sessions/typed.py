@@ -21,11 +21,11 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import matlab
-from percept.sessions.files import Input, is_workbook, load
-from percept.sessions.layout import MOST_ROWS, layout_of
+from percept.sessions.grid import Grid
+from percept.sessions.inputs import Input, is_workbook, load
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, shown
-from percept.sessions.text import Grid, refuse_half, with_header
+from percept.sessions.text import refuse_half
 from percept.sessions.values import unique_keys
 
 #: The header, then the rows.
@@ -103,9 +103,7 @@ def typed_grid(entry: Input, limits: FileLimits) -> Grid:
     reader = _reader(entry) or _sheet
     with _refusing(entry):
         rows = reader(entry, limits)
-    if reader is _sheet:
-        return with_header(enumerate(_texts(rows, entry.name, limits), 1), entry.name)
-    return grid_of(rows, entry.name, limits)
+    return grid_of(rows, entry.name, limits, has_notes=reader is _sheet)
 
 
 @contextmanager
@@ -125,26 +123,18 @@ def _refusing(entry: Input) -> Iterator[None]:
         raise UsageError(message, file=entry.name, hint="Write it again, or as CSV.") from None
 
 
-def grid_of(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Grid:
+def grid_of(
+    rows: Sequence[Sequence[Any]], file: str, limits: FileLimits, *, has_notes: bool = False
+) -> Grid:
     """Write a header and rows of values as text, within the limits.
 
     Raises
     ------
-    NoDataError
-        There is a header alone, or nothing.
     UsageError
-        The texts pass the limit, or one is no text that can be written.
+        There is no row below a header, the texts pass the limit, or one cannot be written.
     """
-    texts = _texts(rows, file, limits)
-    names = next(texts, [])
-    if not names:
-        raise NoDataError("the table is empty.", file=file, hint="Leave it out, or name another.")
-    # A last column without a name is no mark of a delimiter here.
-    names = [name.strip() or f"column {number}" for number, name in enumerate(names, 1)]
-    grid = Grid(file, names, enumerate(texts, 2))
-    if not grid.sample:
-        raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
-    return grid
+    texts = enumerate(_texts(rows, file, limits), 1)
+    return Grid(texts, file, has_notes=has_notes)
 
 
 def _texts(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Iterator[list[str]]:
@@ -235,7 +225,7 @@ def _workbook(entry: Input, *, values: bool = True) -> Any:
 
 
 def _sheet(entry: Input, limits: FileLimits) -> _Table:
-    """Read a sheet, each row as wide as its header."""
+    """Read a sheet; all rows are as wide as the widest."""
     book = _workbook(entry)
     names = book.sheetnames
     if entry.part is None:
@@ -247,12 +237,7 @@ def _sheet(entry: Input, limits: FileLimits) -> _Table:
         hint = "Name another with [sessions] sheet."
         raise UsageError("the sheet is empty.", file=entry.name, hint=hint)
     widest = max(map(len, rows))
-    first = [[_text(value) for value in row] for row in rows[:MOST_ROWS]]
-    padded = [row + [""] * (widest - len(row)) for row in first]
-    layout = layout_of(list(enumerate(padded, 1)), entry.name)
-    # Cells right of the last column name hold notes.
-    width = len(rows[layout.header])
-    return [row[:width] + [""] * (width - len(row)) for row in rows]
+    return [row + [""] * (widest - len(row)) for row in rows]
 
 
 def _ragged(page: Any, written: Any, file: str, limits: FileLimits) -> Iterator[list[Any]]:

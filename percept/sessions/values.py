@@ -5,19 +5,16 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.sessions.records import clip
+from percept.sessions.records import Found, clip
 
 Mark = Literal[".", ","]
-#: Takes a problem: its column, row, message, value and hint. COLUMN in the hint stands for the name
-#: of the column in the file, and CANONICAL for percept's.
-Report = Callable[[Any, int, str, str, str], None]
 
 #: Numbers lie between these in size, or are zero: products of three of them are doubles still.
 LEAST = 1e-100
@@ -39,7 +36,7 @@ _OTHER: dict[Mark, Mark] = {".": ",", ",": "."}
 _PLAIN = {".": re.compile("[0-9.eE+-]*"), ",": re.compile("[0-9,eE+-]*")}
 _NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
 #: What else stands in cells of numbers: a pattern, what is wrong, and what to do beside correcting
-#: it.
+#: it. COLUMN stands for the column's name in the file, CANONICAL for percept's.
 _NO_NUMBERS = (
     (
         r"[+-]?[0-9]{1,3}([,.'\s][0-9]{3})+([.,][0-9]*)?",
@@ -88,7 +85,7 @@ def is_missing(cell: str, marks: Container[str] = MISSING) -> bool:
     return cell.strip(SPACE).lower() in marks
 
 
-def decimal_mark(columns: Mapping[Any, pd.Series[str]], delimiter: str, report: Report) -> Mark:
+def decimal_mark(columns: Mapping[Any, pd.Series[str]], delimiter: str) -> tuple[Mark, list[Found]]:
     """Find the decimal mark of a file from all its cells of numbers that are used.
 
     Where every cell has two readings the scene has to say. So it has where semicolons separate the
@@ -103,18 +100,18 @@ def decimal_mark(columns: Mapping[Any, pd.Series[str]], delimiter: str, report: 
         if for_comma > (_with_one_reading(points), len(points)):
             mark = ","
         if points or for_comma[0]:
-            return mark
+            return mark, []
     elif delimiter == ";":
         marked = list(_marked(".", columns))
         if _with_one_reading(marked):
-            return mark
+            return mark, []
     hint = (
         f'Declare [sessions] decimal = "{mark}". If the {_WORDS[mark]} separates thousands, write'
         f' them without it and declare decimal = "{_OTHER[mark]}".'
     )
-    for column, row, cell in marked:
-        report(column, row, f"{_readings(cell)}.", cell, hint)
-    return mark
+    return mark, [
+        Found(f"{_readings(cell)}.", column, row, cell, hint) for column, row, cell in marked
+    ]
 
 
 def _marked(sign: Mark, columns: Mapping[Any, pd.Series[str]]) -> Iterator[tuple[Any, int, str]]:
@@ -136,13 +133,14 @@ def _readings(cell: str) -> str:
 
 
 def parse_numbers(
-    column: Any, series: pd.Series[str], mark: Mark, marks: Container[str], report: Report
-) -> npt.NDArray[np.float64]:
-    """Convert cells to numbers, NaN where there is no value; what is neither is reported."""
+    column: Any, series: pd.Series[str], mark: Mark, marks: Container[str]
+) -> tuple[npt.NDArray[np.float64], list[Found]]:
+    """Convert cells to numbers, NaN where there is no value; tell what is neither."""
     cells = series.tolist()
     plain = _plain_numbers(cells, mark)
     if plain is not None:
-        return plain
+        return plain, []
+    found = []
     numbers = np.full(len(cells), np.nan)
     for index, cell in enumerate(cells):
         text = cell.strip(SPACE)
@@ -157,8 +155,8 @@ def parse_numbers(
             continue
         else:
             message, hint = _diagnosis(text, mark)
-        report(column, int(series.index[index]), message, cell, hint)
-    return numbers
+        found.append(Found(message, column, int(series.index[index]), cell, hint))
+    return numbers, found
 
 
 def _plain_numbers(cells: Sequence[str], mark: Mark) -> npt.NDArray[np.float64] | None:

@@ -83,7 +83,9 @@ class Study(Displayed):
         if isinstance(scene, str | Path):
             scene = Scene.load(scene)
         scene = scene or Scene()
-        if isinstance(sessions, str | Path | pd.DataFrame):
+        if isinstance(sessions, pd.DataFrame):
+            sessions = Sessions.from_frame(sessions, scene=scene)
+        elif isinstance(sessions, str | Path):
             sessions = read_sessions(sessions, scene=scene)
         elif not isinstance(sessions, Sessions | Sequence):
             kind = type(sessions).__name__

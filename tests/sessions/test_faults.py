@@ -165,7 +165,7 @@ def test_units_of_a_row_are_converted_and_held_to_the_scene(tmp_path):
     path = csv_file(tmp_path, text)
     assert read_sessions(path).table["k_adj"].tolist() == pytest.approx(whole["k_adj"].tolist())
     columns = {"k_adj": {"name": "k_adj", "unit": "kN/m"}}
-    assert len(read_sessions(path, columns=columns).table) == 24
+    assert len(read_sessions(path, scene=ReadOptions(columns=columns)).table) == 24
     columns["k_adj"]["unit"] = "N/m"
     assert "units that do not fit" in refusal(path, columns=columns).message
     text[1] = ",,,N/m,"

@@ -450,7 +450,7 @@ def test_one_file_in_another_unit_is_refused(tmp_path):
         error.message
     )
     told = {c: {"name": c, "unit": "N/m"} for c in ("k_ref", "k_adj")}
-    found = read_sessions(tmp_path, columns=told)
+    found = read_sessions(tmp_path, scene=ReadOptions(columns=told))
     assert any("differ by a thousand" in notice.text for notice in found.notices)
 
 
@@ -514,7 +514,7 @@ def test_the_line_of_a_wrong_quote_is_that_of_the_delimiter_meant(tmp_path):
         (
             {"columns": {"k_adj": {"nme": "x"}}},
             "columns.k_adj.nme = 'x': there is no such key; there are name, unit, path, also,"
-            " offset, scale, response. Did you mean name?",
+            " scale, response. Did you mean name?",
         ),
         ({"columns": {"k_adj": 3}}, "columns.k_adj = 3: a column is a name, a list of names, or a"),
         ({"columns": {"k_adj": "{trial}{trial}"}}, "columns.k_adj: names an id twice."),

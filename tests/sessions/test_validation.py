@@ -20,7 +20,7 @@ def test_what_was_read(tmp_path):
     record = validate(file)
     text = format_validation(record)
     assert record.exit_code == 0
-    assert f"{file}: 3 rows, sha256 {record.sources[0].sha256}" in text
+    assert f"{file}: 3 rows, sha256 {record.sessions.sources[0].sha256}" in text
     assert (
         f"notice: subjects '001' ({file}:2), '1' ({file}:3) look alike and are kept apart" in text
     )
