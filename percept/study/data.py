@@ -105,14 +105,14 @@ class Data:
         """Reference per (parameter, environment), in the parameter's unit; NaN where none is."""
         table = self.sessions.table
         if self.sessions.form == "summary":
-            keyed = table.set_index(["parameter", "environment"])["reference"]
-            cells = itertools.product(self.parameters, self.environments)
-            return {cell: float(keyed.get(cell, np.nan)) for cell in cells}
-        columns = [f"{parameter}_ref" for parameter in self.parameters]
-        first = table.groupby("environment", sort=False)[columns].first()
-        values = first.loc[list(self.environments)].to_numpy(dtype=float).T
+            wide = table.pivot(index="environment", columns="parameter", values="reference")
+        else:
+            columns = [f"{parameter}_ref" for parameter in self.parameters]
+            wide = table.groupby("environment")[columns].first()
+            wide.columns = pd.Index(self.parameters)
+        wide = wide.reindex(index=self.environments, columns=self.parameters)
         cells = itertools.product(self.parameters, self.environments)
-        return dict(zip(cells, values.ravel().tolist(), strict=True))
+        return dict(zip(cells, wide.to_numpy(dtype=float).T.ravel().tolist(), strict=True))
 
     def by_difference(self, parameter: str) -> bool:
         """Whether a reference is zero or negative, so that settings are compared by differences."""

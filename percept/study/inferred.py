@@ -26,7 +26,8 @@ from percept.study.anova import anova_rows
 from percept.study.contrasts import classical_contrasts, level_values
 from percept.study.data import Data
 from percept.study.intervals import COLUMNS, classical_rows, method_pairs
-from percept.study.psychophysics import equivalence, psychophysics
+from percept.study.psychophysics.classical import absent_jnds, classical_psychophysics
+from percept.study.psychophysics.equivalence import equivalence
 from percept.study.responses import refuse_lone_subject
 
 # What imports the hierarchical model is imported where it is needed: the classical method does
@@ -126,7 +127,16 @@ class Inferred:
     @cached_property
     def psychophysics_rows(self) -> tuple[PsychophysicsRow, ...]:
         """Points of equality, thresholds, spreads and reliability, in the scene's family."""
-        return self._kept("psychophysics_rows", psychophysics(self.data, self.passed))
+        return self._kept("psychophysics_rows", self._psychophysics())
+
+    def _psychophysics(self) -> Iterator[PsychophysicsRow | Skipped]:
+        yield from absent_jnds(self.data)
+        if self.data.asked.method != "bayesian":
+            yield from classical_psychophysics(self.data)
+        if self.passed is not None:
+            from percept.study.psychophysics.posterior import posterior_psychophysics
+
+            yield from posterior_psychophysics(self.passed)
 
     @property
     def psychophysics(self) -> pd.DataFrame:

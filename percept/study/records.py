@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import platform
 from collections.abc import Iterable
 from importlib import metadata
@@ -33,11 +32,6 @@ if TYPE_CHECKING:
 
 #: Libraries whose versions decide the last digits of a result.
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
-#: Measures of the gate that a run too short for them leaves unknown.
-_MEASURES = (
-    "rhat", "autocorrelation_time", "times_run", "effective_draws", "acceptance",
-    "lowest_acceptance", "worst_error",
-)  # fmt: skip
 
 
 def what_was_read(data: Data) -> results.Data:
@@ -107,8 +101,10 @@ def diagnostics_of(fit: Fit | None) -> Diagnostics | None:
 
     priors = fit.model.priors_in_force
     ensembles, _, walkers, dimension = fit.run.points.shape
-    gate = dataclasses.asdict(fit.run.gate)
-    gate |= {name: known(gate[name]) for name in _MEASURES}
+    gate = dict(vars(fit.run.gate))
+    for name, value in list(gate.items()):
+        # A run too short for a measure leaves it unknown.
+        gate[name] = known(value) if isinstance(value, float) else value
     return Diagnostics(
         gate=GateVerdict(**gate),
         steps=fit.run.steps,

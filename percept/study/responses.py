@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _PROPORTION = 1e-3
 #: Hint where a quantity is compared by differences.
 NO_SCALE = (
-    'Set family = "normal" and [model] scale.{}, or analyse the other parameter alone with'
+    'Set [model] scale.{}, which needs family = "normal", or leave the quantity out with'
     " [inference] parameters."
 )
 
