@@ -53,14 +53,6 @@ def test_a_scene_says_how_its_files_are_read(walls):
     assert again.table["k_adj"].max() == pytest.approx(1010.0)
 
 
-def test_columns_of_the_call_go_before_the_scenes(walls):
-    given = scene()
-    sessions = read_sessions(walls, scene=given, columns={"session": "side"})
-    assert set(sessions.table["session"]) == {"left"}
-    assert sessions.table["k_adj"].max() == 1040.0
-    assert Study(sessions, given).sessions is sessions
-
-
 @pytest.mark.parametrize(
     ("tables", "named"),
     [
