@@ -157,7 +157,6 @@ class ModelTable(Table):
     `subjects_trial_sd` gives subjects trial SDs of their own: "auto" where half of at most 60
     subjects have eight trials or more beyond the first of each cell, or `precision` names a factor.
     There must be two cells or more, and every subject who repeats trials must set different values.
-    `subjects_slope` lets the bias of each subject grow with the reference in a way of their own.
     `resolution` is the step of the adjustment. Its variance, step²/12, stands in for scatter in
     cells that show none or whose parameters move in proportion. percept adds it nowhere else.
     """
@@ -169,7 +168,6 @@ class ModelTable(Table):
     weber: StrictBool = False
     common_spread: StrictBool = False
     subjects_trial_sd: StrictBool | Literal["auto"] = "auto"
-    subjects_slope: StrictBool = False
     bias: Annotated[str, Field(min_length=1)] | None = None
     spread: Annotated[str, Field(min_length=1)] | None = None
     precision: Annotated[str, Field(min_length=1)] | None = None

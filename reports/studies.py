@@ -114,7 +114,7 @@ def model_of(study: Observed) -> LinearModel:
         terms=tuple(tuple(term.split(":")) for term in study.contrast),
         between_subjects=frozenset(study.groups),
         spread=study.spread,
-        slopes=study.own_trends,
+        subject_trends=study.own_trends,
     )
     design = design_of(cells, factors, study.priors)
     return LinearModel(statistics, design, study.priors)

@@ -97,6 +97,9 @@ def fitted_values(study: Study, rng: np.random.Generator | None = None) -> TrueV
     means = {name: values.mean(axis=0) for name, (_, values) in model.scales(points).items()}
     beta = cells.reshape(len(study.data.parameters), -1).T
     shared: dict[str, Any] = {name: means[name] for name in _HYPER_SCALES if name in means}
+    if "sigma_v:trend" in means:
+        shared["sigma_trend"] = means["sigma_v:trend"]
+        shared["rho_trend"] = float(np.mean(means.get("rho_v:trend", 0.0)))
     for name in _CORRELATIONS:
         if name in means:
             shared[name] = float(means[name].mean())

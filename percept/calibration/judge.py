@@ -217,7 +217,7 @@ def _why_no_bayesian(study: Study) -> str:
 def _populations(plan: CoveragePlan, values: TrueValues) -> dict[str, Population]:
     """Return the users of each environment."""
     design = plan.design
-    covariances = values.cov_u + values.cov_w
+    covariances = values.cov_users(design.decades)
     if not design.repeated:
         # Without repeats a user's value contains the trial noise.
         covariances = covariances + values.cov_e

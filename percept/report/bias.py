@@ -138,12 +138,6 @@ def _psychophysics(results: Results) -> Section:
     said = f"The PSE is the average {words.user}’s setting above."
     if rows[0].family == "lognormal":
         said += " σ u, σ w and σ e are SDs of logarithms."
-    is_shared = results.data.form == "trials" and not matching(rows, measure="sigma_slope")
-    if matching(rows, measure="gamma") and is_shared:
-        said += (
-            f" All {words.subjects} share the slope γ. Where theirs differ, its limits are too"
-            " narrow: [model] subjects_slope = true gives each one of their own."
-        )
     title = "Thresholds, spreads and reliability"
     return Section("psychophysics", title, [said], tables, ["overview"])
 

@@ -358,6 +358,9 @@ def model_words(results: Results) -> str:
     if sessions and several and model["subject_effect"]:
         both = f" and correlated between {' and '.join(names)}" if pair else ""
         parts.append(f"{words.subject} effects shared by all {words.environments}{both}")
+    in_force = results.diagnostics.priors if results.diagnostics else ()
+    if matching(in_force, prior="sigma_trend_scale"):
+        parts.append(f"a trend over the reference for each {words.subject}")
     scatter = f"between-{words.subject} scatter"
     if several and model["common_spread"]:
         scatter += f" equal in all {words.environments}"
@@ -367,7 +370,6 @@ def model_words(results: Results) -> str:
         scatter += (
             f", in proportion to the reference but for each {words.environment}’s own deviation"
         )
-    in_force = results.diagnostics.priors if results.diagnostics else ()
     if matching(in_force, prior="omega_s_scale"):
         scatter += f", with trial SDs that differ between {words.subjects}"
     by_itself = f" ({' and '.join(names)} each by itself)" if pair and not sessions else ""

@@ -1,6 +1,6 @@
 """The hierarchical model run forwards: a design, true values, responses, a table.
 
-    y_ijr = β_j + u_i + w_ij + e_ijr
+    y_ijr = β_j + u_i + g_i x_j + w_ij + e_ijr
     β_jp = α_p + γ_p x_jp + δ_jp          δ_jp ~ N(0, τ_p²)
     log σ_jp ~ N(log s_p + κ_p x_jp, ω_p²)
 
@@ -19,6 +19,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
+from percept.inference.model.design import shows_subject_trends
 from percept.inference.model.priors import Priors
 
 #: What the column `source` of every simulated table says.
@@ -89,6 +90,11 @@ class Design:
         return logs - logs.mean(axis=0)
 
     @property
+    def shows_subject_trends(self) -> bool:
+        """Whether some subject meets three references."""
+        return shows_subject_trends(self.trials > 0, self.decades.T)
+
+    @property
     def repeated(self) -> bool:
         """Whether any cell holds more than one trial, so that trial scatter can be told apart."""
         return bool(self.trials.max() > 1)
@@ -112,13 +118,15 @@ class Hyperparameters:
     omega_e: Array
     rho_e: float
     omega_s: Array | float = 0.0  # SD of the log of a subject's trial SD over its typical size
+    sigma_trend: Array | float = 0.0  # SD of a subject's own trend per decade
+    rho_trend: float = 0.0  # Correlation of two parameters in it
 
     @classmethod
     def zero(cls, parameters: int) -> Hyperparameters:
         """No bias, no scatter and no correlation of so many parameters."""
         names = [field.name for field in fields(cls)]
         zeros: dict[str, Any] = dict.fromkeys(names, np.zeros(parameters))
-        return cls(**zeros | {"rho_u": 0.0, "rho_w": 0.0, "rho_e": 0.0})
+        return cls(**zeros | dict.fromkeys(("rho_u", "rho_w", "rho_e", "rho_trend"), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +138,11 @@ class TrueValues:
     beta: Array  # (J, P) its point of equality α + γx + δ
     sigma: Array  # (J, P) SD between subjects within an environment
     sigma_e: Array  # (J, P) SD between trials, of a typical subject where they differ
+
+    def cov_users(self, decades: Array) -> Array:
+        """Σ_u + x x'Σ_g + Σ_w, (J, P, P), of users at references of so many decades x, (J, P)."""
+        trends = _covariance(decades * self.hyper.sigma_trend, self.hyper.rho_trend)
+        return self.cov_u + trends + self.cov_w
 
     @property
     def cov_u(self) -> Array:
@@ -201,6 +214,7 @@ def draw_hyperparameters(
     count = len(design.parameters)
     several = float(len(design.environments) > 1)
     repeats = float(design.repeated)
+    trends = float(design.shows_subject_trends)
     pair = float(count == 2)
 
     def normal(sd: float, mean: float = 0.0) -> Array:
@@ -223,6 +237,8 @@ def draw_hyperparameters(
         kappa_e=repeats * several * normal(priors.kappa_e_sd),
         omega_e=repeats * several * abs(normal(priors.omega_e_scale)),
         rho_e=repeats * pair * correlation(),
+        sigma_trend=trends * abs(normal(priors.sigma_trend_scale)),
+        rho_trend=trends * pair * correlation(),
     )
 
 
@@ -260,7 +276,7 @@ def draw_environments(
 
 
 def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator) -> Responses:
-    """Draw the subjects and their trials, y = β_j + u_i + w_ij + e_ijr, given the true values.
+    """Draw the subjects and their trials, y = β_j + u_i + g_i x_j + w_ij + e_ijr.
 
     Parameters
     ----------
@@ -291,11 +307,15 @@ def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator)
         ratios = np.exp(hyper.omega_s * rng.standard_normal((subjects, parameters)))
         trial_sd = trial_sd * ratios[subject]
     e = trial_sd * correlated_normal(rng, (cell.size, parameters), hyper.rho_e)
+    of_subjects = u[:, None] + w
+    if np.any(hyper.sigma_trend):
+        trends = hyper.sigma_trend * correlated_normal(rng, u.shape, hyper.rho_trend)
+        of_subjects += trends[:, None] * design.decades
     return Responses(
         subject=subject,
         environment=environment,
         trial=np.arange(cell.size) - first + 1,
-        y=values.beta[environment] + u[subject] + w[subject, environment] + e,
+        y=values.beta[environment] + of_subjects[subject, environment] + e,
     )
 
 

@@ -104,7 +104,7 @@ def _parts(data: Data, cause: str, *, by_mean: bool) -> Iterator[Data]:
         table = table.assign(**means).drop_duplicates(cell)
     if cause in ("prior", "trials"):
         # One environment has no levels to compare.
-        scene = _without(scene, "bias", "spread", "subjects_slope", "factor")
+        scene = _without(scene, "bias", "spread", "factor")
         tables = [rows for _, rows in table.groupby("environment", sort=False)]
     if cause == "pooling":
         scene = _without(scene, subjects_trial_sd=False)

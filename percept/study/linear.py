@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.model.design import Cells, Options, design_of
+from percept.inference.model.design import Cells, Options, design_of, shows_subject_trends
 from percept.inference.model.design import Factors as CellFactors
 from percept.inference.model.model import LinearModel
 from percept.inference.model.priors import Priors
@@ -118,7 +118,7 @@ def linear_model(
         A factor with one level left, or a cell without scatter.
     """
     scene = data.scene
-    if scene.terms or scene.model.subjects_slope or own_trial_sds:
+    if scene.terms or own_trial_sds:
         _refuse_options(scene)
     statistics, sizes = _reduced(trials, data, own_trial_sds)
     cells, factors = _cells(statistics, data)
@@ -279,6 +279,6 @@ def _cells(statistics: Statistics, data: Data) -> tuple[Cells, CellFactors]:
         terms=conditions.terms,
         between_subjects=conditions.between,
         spread=conditions.spread,
-        slopes=data.scene.model.subjects_slope,
+        subject_trends=shows_subject_trends(np.isfinite(statistics.cell_means[:, 0]), cells.x),
     )
     return cells, factors

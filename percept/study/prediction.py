@@ -116,9 +116,6 @@ def predict(
             errors.append(error)
     boundaries: tuple[Boundary, ...] = ()
     skipped: list[Skipped] = []
-    if data.sessions.form == "trials" and not study.scene.model.subjects_slope:
-        why = "limits are too narrow where they differ; [model] subjects_slope = true has them"
-        skipped.append(Skipped("subjects' own trends over the reference", why))
     if study.setup is not None and data.is_impedance:
         laws: list[Law] = []
         if data.sessions.form == "trials":

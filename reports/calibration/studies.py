@@ -163,7 +163,9 @@ class _Prior:
         columns |= {f"sigma_v:{term}": values for term, values in own.items()}
         total = np.zeros((people, *self.x.shape))
         for name, values in columns.items():
-            sd = self.half(name, self.priors.sigma_u_scale)
+            is_trend = name == "sigma_v:trend"
+            scale = self.priors.sigma_trend_scale if is_trend else self.priors.sigma_u_scale
+            sd = self.half(name, scale)
             correlation = self.correlation(name.replace("sigma", "rho"))
             effects = sd * self.normals(correlation, people)
             total = total + effects[:, :, None] * values

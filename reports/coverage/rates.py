@@ -173,7 +173,7 @@ def bayesian_study(n: int, index: int) -> Line:
     except UsageError:
         # The prior reaches beyond what any file may hold, 1e-100 to 1e100.
         return {"verdicts": []}
-    covariances = values.cov_u + values.cov_w
+    covariances = values.cov_users(design.decades)
     lines = []
     for verdict in study.verdict_rows:
         j = design.environments.index(verdict.environment)

@@ -185,6 +185,7 @@ class Twin:
         priors = self.priors
         half_normal = {"omega": priors.omega_scale, "omega_e": priors.omega_e_scale}
         half_normal["omega_s"] = priors.omega_s_scale
+        half_normal["sigma_v:trend"] = priors.sigma_trend_scale
         total = np.zeros(self.width)
         for name, values in self.named.items():
             if name.startswith("rho"):

@@ -42,6 +42,8 @@ def hyperparameters(**changes: object) -> Hyperparameters:
         "kappa_e": np.array([0.1, -0.1]),
         "omega_e": np.array([0.2, 0.3]),
         "rho_e": 0.5,
+        "sigma_trend": np.array([0.2, 0.1]),
+        "rho_trend": -0.5,
     }
     return Hyperparameters(**(values | changes))  # type: ignore[arg-type]
 
@@ -65,6 +67,7 @@ def prior_draws() -> list[Hyperparameters]:
         ("gamma", stats.norm(0, 0.25)),
         ("tau", stats.halfnorm(0, 0.5)),
         ("sigma_u", stats.halfnorm(0, 0.5)),
+        ("sigma_trend", stats.halfnorm(0, 0.25)),
         ("s", stats.lognorm(1, scale=0.2)),
         ("kappa", stats.norm(0, 0.5)),
         ("omega", stats.halfnorm(0, 1)),
@@ -72,6 +75,7 @@ def prior_draws() -> list[Hyperparameters]:
         ("kappa_e", stats.norm(0, 0.5)),
         ("omega_e", stats.halfnorm(0, 1)),
         ("rho_u", stats.beta(2, 2, loc=-1, scale=2)),
+        ("rho_trend", stats.beta(2, 2, loc=-1, scale=2)),
         ("rho_w", stats.beta(2, 2, loc=-1, scale=2)),
         ("rho_e", stats.beta(2, 2, loc=-1, scale=2)),
     ],
@@ -93,8 +97,8 @@ def test_default_priors(
 
 
 def test_moments_of_the_responses() -> None:
-    """Cell means have covariance Σ_u + Σ_w + Σ_e/r, share Σ_u across environments, scatter Σ_e
-    within."""
+    """Cell means have covariance Σ_u + x x'Σ_g + Σ_w + Σ_e/r, scatter Σ_e within, and Σ_u with the
+    trends' part in common."""
     subjects, trials = 20000, 3
     design = Design.balanced(REFERENCES[:2], subjects=subjects, trials=trials)
     rng = np.random.default_rng(11)
@@ -104,16 +108,20 @@ def test_moments_of_the_responses() -> None:
     within = (y - means[:, :, None])[:, :, :, :, None] * (y - means[:, :, None])[:, :, :, None, :]
     within = within.sum(axis=2) / (trials - 1)
 
-    for j in range(2):
-        cov = values.cov_u + values.cov_w[j] + values.cov_e[j] / trials
+    of_users = values.cov_users(design.decades)
+    of_trend = np.array([[0.2**2, -0.5 * 0.2 * 0.1], [-0.5 * 0.2 * 0.1, 0.1**2]])
+    for j, x in enumerate(design.decades):
+        assert_allclose(of_users[j], values.cov_u + values.cov_w[j] + np.outer(x, x) * of_trend)
+        cov = of_users[j] + values.cov_e[j] / trials
         assert_covariance(means[:, j], means[:, j], cov, cov, cov)
         assert_allclose(
             means[:, j].mean(axis=0), values.beta[j], atol=4 * np.sqrt(np.max(cov) / subjects)
         )
         error = np.sqrt(_wishart_variance(values.cov_e[j]) / (subjects * (trials - 1)))
         assert np.all(np.abs(within[:, j].mean(axis=0) - values.cov_e[j]) < 4 * error)
-    first, second = (values.cov_u + values.cov_w[j] + values.cov_e[j] / trials for j in range(2))
-    assert_covariance(means[:, 0], means[:, 1], values.cov_u, first, second)
+    first, second = of_users + values.cov_e / trials
+    shared = values.cov_u + np.outer(*design.decades) * of_trend
+    assert_covariance(means[:, 0], means[:, 1], shared, first, second)
 
 
 def _wishart_variance(cov: np.ndarray) -> np.ndarray:

@@ -140,7 +140,9 @@ def test_posterior_rows_follow_from_the_draws_and_the_intervals(fitted):
         matrix[:, 0, 1] = matrix[:, 1, 0] = correlation
         return sd[:, :, None] * matrix * sd[:, None, :]
 
-    whole = covariances(together, rho_u) + covariances(between[..., 2], rho)
+    decades = fit.model.statistics.x[:, 2]
+    trends = covariances(np.abs(decades) * draws["sigma_v:trend"], draws["rho_v:trend"])
+    whole = covariances(together, rho_u) + covariances(between[..., 2], rho) + trends
     twin = np.median(whole[:, 0, 1] / np.sqrt(whole[:, 0, 0] * whole[:, 1, 1]))
     of_pair = bayesian[bayesian["measure"] == "correlation"].set_index("environment")
     assert of_pair.loc["VE3", "estimate"] == pytest.approx(twin, rel=1e-9)

@@ -41,6 +41,7 @@ __all__ = [
     "contrast_columns",
     "design_of",
     "new_cells",
+    "shows_subject_trends",
 ]
 
 Array = NDArray[np.float64]
@@ -73,7 +74,7 @@ class Factors:
     terms: tuple[tuple[str, ...], ...]  # Each a factor, or several that interact
     between_subjects: frozenset[str] = frozenset()  # Factors of which a subject has one level only
     spread: tuple[str, ...] = ()  # Factors whose levels differ in the spread of subject effects
-    slopes: bool = False  # Whether each subject has a trend over the references
+    subject_trends: bool = False  # Whether each subject has a trend over the references
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -119,6 +120,29 @@ class Design:
             terms: tuple[Term, ...] = getattr(self, name)
             parts.append(tuple(dataclasses.astuple(term) for term in terms))
         return tuple(parts)
+
+
+def shows_subject_trends(present: NDArray[np.bool_], x: Array) -> bool:
+    """Whether some subject meets three references of a quantity.
+
+    Two are not enough: deviations of a subject's own in each environment hold any trend.
+
+    Parameters
+    ----------
+    present : ndarray of bool
+        Whether each subject has trials in each cell, shape (N, C).
+    x : ndarray
+        Decades of the references, shape (P, C).
+
+    Returns
+    -------
+    bool
+    """
+    for cells in present:
+        for decades in x:
+            if len(np.unique(decades[cells])) > 2:
+                return True
+    return False
 
 
 def contrast_columns(levels: int) -> Array:
@@ -169,7 +193,7 @@ def design_of(
         # A subject sees one level of the others, which therefore show no effect of the subject.
         if not factors.between_subjects.intersection(factor_names):
             within_subjects.append(effect)
-    subject_trend = trend if factors.slopes else []
+    subject_trend = trend if factors.subject_trends else []
     sized = [effect for effect in main_effects if effect.name in factors.spread]
     sd_terms: list[Term] = []
     if several_cells:

@@ -175,7 +175,7 @@ class LinearModel(Model):
         self.names = self.coordinates.names
         self.priors_in_force = self._priors_in_use()
         covariates = statistics.covariates
-        compares = bool(design.factors.terms) or design.factors.slopes or covariates is not None
+        compares = bool(design.factors.terms) or covariates is not None
         self.takes_options = not compares and statistics.scatter.subject is None
         self.rows = Rows(statistics, design, self.priors.covariate_sd)
         self.locations = self.rows.locations
@@ -203,6 +203,8 @@ class LinearModel(Model):
             used.add("gamma")
         if any(name.startswith("rho") for name in used):
             used.add("rho")
+        if "sigma_v:trend" in scales:
+            used.add("sigma_trend")
         if self.design.factors.terms:
             used.add("lambda")
         if self.statistics.covariates is not None:

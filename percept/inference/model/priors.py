@@ -35,6 +35,9 @@ MEANINGS = {
         "half-normal scale of tau, the SD of an environment's own bias delta (response scale)"
     ),
     "sigma_u_scale": "half-normal scale of the SD of the subject effect u (response scale)",
+    "sigma_trend_scale": (
+        "half-normal scale of the SD of subjects' own trends (response scale per decade)"
+    ),
     "log_s_mean": (
         "mean of log s, the typical SD between subjects in an environment (log of response scale)"
     ),
@@ -71,6 +74,7 @@ class Priors:
     gamma_sd: float = 0.25
     tau_scale: float = 0.5
     sigma_u_scale: float = 0.5
+    sigma_trend_scale: float = 0.25
     log_s_mean: float = math.log(0.2)
     log_s_sd: float = 1.0
     kappa_sd: float = 0.5

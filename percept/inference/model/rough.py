@@ -28,7 +28,6 @@ from percept.inference.model.statistics import Statistics
 __all__ = ["RoughLikelihood", "likelihood_between", "likelihood_of_trials"]
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 #: SD of log sigma about its trend in the typical prior: half the prior's scale of omega. It decides
 #: how far cells inform one another where noise hides sigma, and nothing else.
@@ -41,6 +40,8 @@ _LONGEST_STEP = 1.0
 #: Least weight of a cell that coordinates follow. The prior has a weight of about one: a cell of a
 #: tenth moves and narrows log sigma by less than coordinates are worth.
 _LEAST_FOLLOWED = 0.1
+#: Least degrees of freedom, of all subjects in a cell, that are more than rounding.
+_LEAST_DF = 1e-9
 #: Least share by which is divided. Cells with so small a share have no weight.
 _LEAST_SHARE = 1e-300
 
@@ -66,7 +67,7 @@ def likelihood_between(
     centre: float,
     single_sd: float,
     *,
-    subject_effect: bool,
+    subject_columns: Array,
 ) -> RoughLikelihood:
     """Rough likelihood of the log SDs between subjects, at the cells' common mode.
 
@@ -80,10 +81,10 @@ def likelihood_between(
         Prior mean of log sigma.
     single_sd : float
         Prior SD of log sigma where there is a single cell.
-    subject_effect : bool
-        Whether subjects have effects that cells share.
+    subject_columns : ndarray
+        Columns of which each subject has a coefficient, (q, P, C).
     """
-    scatter = _cell_scatter(statistics, subject_effect=subject_effect)
+    scatter = _cell_scatter(statistics, subject_columns=subject_columns)
     cells = scatter.sd.shape[1]
     omega = _TYPICAL_OMEGA if cells > 1 else single_sd
     identity = np.eye(cells)
@@ -142,15 +143,15 @@ class _CellScatter(NamedTuple):
 def _cell_scatter(
     statistics: Statistics,
     *,
-    subject_effect: bool,
+    subject_columns: Array,
 ) -> _CellScatter:
-    """Scatter between subjects, without their means over cells where these have a variance."""
+    """Scatter between subjects, less what their own coefficients of columns explain."""
     noise = _noise_of_trials(statistics)
     sd = statistics.sd
     df = statistics.df
-    if subject_effect:
-        # Scatter of subjects' means over cells says nothing of sigma.
-        sd_within, df_within = _within_subjects(statistics.cell_means)
+    if len(subject_columns):
+        # Scatter of these coefficients says nothing of sigma.
+        sd_within, df_within = _within_subjects(statistics, subject_columns)
         has_scatter = sd_within > 0
         smaller = has_scatter & (sd_within < sd)
         sd = np.where(smaller, sd_within, sd)
@@ -158,39 +159,30 @@ def _cell_scatter(
     return _CellScatter(sd, df, noise)
 
 
-def _centred(
-    values: Array,
-    present: Flags,
-    axis: int,
-) -> Array:
-    """Values less their mean along an axis, zero where not present."""
-    known = np.where(present, values, 0.0)
-    total = known.sum(axis=axis, keepdims=True)
-    count = present.sum(axis=axis, keepdims=True)
-    mean = total / np.maximum(count, 1)
-    departures = values - mean
-    return np.where(present, departures, 0.0)
+def _within_subjects(statistics: Statistics, subject_columns: Array) -> tuple[Array, Array]:
+    """SD and degrees of freedom of cell means about those of cells, and of subjects' columns.
 
-
-def _within_subjects(cell_means: Array) -> tuple[Array, Array]:
-    """SD and degrees of freedom of cell means (N, P, J) about the means of cells and subjects."""
-    complete = np.isfinite(cell_means).all(axis=1)  # (N, J)
-    cells = complete.sum(axis=1)
-    several = cells > 1
-    values = cell_means[several]
-    present = np.isfinite(values)
-    about_cells = _centred(values, present, 0)
-    residuals = _centred(about_cells, present, 2)
-    subjects_of_cell = present.sum(axis=0)
-    cells_of_subject = present.sum(axis=2, keepdims=True)
-    # Each subject's mean takes one degree of freedom, in equal parts from the subject's cells, and
-    # each cell's mean takes one from its subjects.
-    lost_by_subject = 1.0 / np.maximum(cells_of_subject, 1)
-    lost_by_cell = 1.0 / np.maximum(subjects_of_cell, 1)
-    kept = np.where(present, 1.0 - lost_by_subject, 0.0)
-    df = kept.sum(axis=0)
-    df *= 1.0 - lost_by_cell
-    squares = np.square(residuals).sum(axis=0)
+    The columns, (q, P, J), are those that each subject has a coefficient of. Their fit takes a
+    subject's degrees of freedom from the cells that it leans on, and the mean of a cell takes one
+    from its subjects.
+    """
+    cell_means = statistics.cell_means
+    about_cells = cell_means - np.nanmean(cell_means, axis=0)
+    squares = np.zeros(cell_means.shape[1:])
+    df = np.zeros_like(squares)
+    subjects = np.zeros(len(squares.T))
+    for pattern in statistics.patterns:
+        cells = pattern.environments
+        subjects[cells] += pattern.subjects
+        for p, values in enumerate(about_cells[pattern.members][:, :, cells].swapaxes(0, 1)):
+            columns = subject_columns[:, p, cells]
+            fitted = np.linalg.pinv(columns) @ columns
+            residuals = values - values @ fitted
+            squares[p, cells] += np.square(residuals).sum(axis=0)
+            df[p, cells] += pattern.subjects * (1.0 - np.diag(fitted))
+    df *= 1.0 - 1.0 / subjects
+    # A subject with as many columns as cells has no scatter left, but for rounding.
+    df[df < _LEAST_DF] = 0.0
     nothing = np.zeros_like(df)
     variance = np.divide(squares, df, out=nothing, where=df > 0)
     return np.sqrt(variance), df

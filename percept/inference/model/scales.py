@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.model.blocks import Block, block
-from percept.inference.model.design import LEVEL, Design, Term
+from percept.inference.model.design import LEVEL, TREND, Design, Term
 from percept.inference.model.priors import LIMIT, Priors, correlation, half_normal
 from percept.inference.model.spreads import CellSpreads, numbered
 from percept.inference.model.statistics import Statistics
@@ -182,8 +182,10 @@ class Coordinates:
             self._name("omega_s", quantities, half_normal=priors.omega_s_scale)
         own = [(_name_of("sigma", term), _name_of("rho", term)) for term in design.subject]
         own += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self.own_slopes]
+        of_trend = f"sigma_v:{TREND}"
         for sigma, rho in own:
-            self._name(sigma, quantities, half_normal=priors.sigma_u_scale)
+            scale = priors.sigma_trend_scale if sigma == of_trend else priors.sigma_u_scale
+            self._name(sigma, quantities, half_normal=scale)
             if pair:
                 self._name(rho)
         for term in design.deviation:

@@ -138,12 +138,14 @@ class CellSpreads:
         if suffix:
             rough = likelihood_of_trials(statistics)
         else:
+            nothing = np.zeros((0, *design.cells.x.shape))
+            of_subjects = [term.columns for term in design.subject if term.name in names]
             rough = likelihood_between(
                 statistics,
                 self._loadings,
                 self.centre,
                 log_s_sd,
-                subject_effect=bool(design.subject),
+                subject_columns=np.concatenate([nothing, *of_subjects]),
             )
         self.weight = rough.weight
         self._maps = []

@@ -114,8 +114,8 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
         yield from _of_subjects(model, scales, over_all, limits)
         yield from _slopes(model, points, over_all, limits)
         drawn = _over_all(model, _scales_of(model, points), locations[:, first:last])
-        if data.scene.terms or data.scene.model.subjects_slope:
-            # Subjects also differ in effects of factors and slopes, which both ratios leave out.
+        if data.scene.terms:
+            # Subjects also differ in effects of factors, which both ratios leave out.
             drawn.pop("icc_c1", None)
             drawn.pop("icc_a1", None)
         yield from _rows(drawn, over_all, limits)
@@ -222,7 +222,8 @@ def _over_all(
 ) -> _Drawn:
     """Draws of components of variance and reliability over all environments, (R, P).
 
-    With r trials a cell, total = sigma_u² + mean sigma² + mean variance between trials/r.
+    A subject's own trend over the x decades of the references is part of sigma_w². With r trials a
+    cell, total = sigma_u² + mean sigma_w² + mean variance between trials/r.
     ICC(C,1) is sigma_u²/total. In ICC(A,1) the total has the variance of the environments'
     locations too.
     """
@@ -232,6 +233,8 @@ def _over_all(
     of_environments = locations.reshape(scales["sigma"].shape).var(axis=2, ddof=1)
     of_subjects = scales["sigma_u"] ** 2
     within = np.square(scales["sigma"]).mean(axis=2)
+    if "sigma_v:trend" in scales:
+        within += scales["sigma_v:trend"] ** 2 * np.square(model.statistics.x).mean(axis=1)
     of_trials = _trial_variance(scales).mean(axis=2)
     total = of_subjects + within + of_trials / _mean_trials(model)
     drawn: _Drawn = {"sigma_u": scales["sigma_u"], "sigma_w": np.sqrt(within)}

@@ -25,6 +25,7 @@ OTHER = Priors(
     gamma_sd=0.4,
     tau_scale=0.2,
     sigma_u_scale=0.9,
+    sigma_trend_scale=0.1,
     log_s_mean=-1.0,
     log_s_sd=0.6,
     kappa_sd=0.3,
@@ -181,7 +182,7 @@ def model_of(
         terms=study.terms,
         between_subjects=frozenset(study.between),
         spread=study.spread,
-        slopes=study.slopes,
+        subject_trends=study.slopes,
     )
     at = (study.subject, study.cell)
     statistics = from_trials(
