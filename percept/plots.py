@@ -10,34 +10,28 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
-import numpy as np
 from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
-from scipy import stats
 
 from percept.errors import RefusalError, UsageError
 from percept.report.biases import biases_among
-from percept.report.figures.band import draw_band
-from percept.report.figures.canvas import COLOURS, REFERENCE_DASHES
-from percept.report.figures.curves import draw_magnitude, draw_stability, like_limits
+from percept.report.figures.boundaries import alike_boundaries, draw_band, draw_magnitude
+from percept.report.figures.canvas import COLOURS
+from percept.report.figures.couplings import draw_stability
 from percept.report.figures.intervals import draw_intervals
 from percept.report.select import (
     METHODS,
     distinct,
     families_from,
-    kind_names,
     matching,
     unwidened,
 )
-from percept.results import Band, Boundary, Coupling, Data, IntervalRow, SubjectCheck
+from percept.results import Band, Boundary, Coupling, Data, IntervalRow
 
-__all__ = ["plot_band", "plot_boundary", "plot_check", "plot_coupling", "plot_intervals"]
+__all__ = ["plot_band", "plot_boundary", "plot_coupling", "plot_intervals"]
 
 # Names are the user's: a dollar sign among them begins no formula.
 _STYLE: dict[Any, Any] = {"text.parse_math": False, "axes.formatter.use_mathtext": False}
-#: Probability that each ordered probability of independent subjects lies in the band of a check.
-_LEVEL = 0.99
 
 
 def plot_intervals(
@@ -86,15 +80,7 @@ def plot_intervals(
         raise _nothing("interval that has a reference")
     with rc_context(_STYLE):
         drawn = _axes(ax)
-        draw_intervals(
-            drawn,
-            data.environments,
-            biases,
-            data.cells,
-            quantity,
-            kinds=kind_names(data.words.user, data.words.users),
-            subject=data.words.subject,
-        )
+        draw_intervals(drawn, biases, data.cells, quantity, data.words)
         drawn.set_title(quantity.head)
         for tick in drawn.get_yticklabels():
             tick.set_parse_math(False)  # of axes that were there before, the ticks were too
@@ -135,13 +121,12 @@ def plot_boundary(
     if not boundaries:
         raise _nothing("boundary")
     of_environment = matching(unwidened(boundaries), environment=environment)
-    limits = like_limits(of_environment, kind, families_from(family))
-    if not limits:
+    alike = alike_boundaries(of_environment, kind, families_from(family))
+    if not alike:
         raise _nothing(f"boundary of kind {kind} around {environment}")
-    shown = of_environment[0]
     with rc_context(_STYLE):
         drawn = _axes(ax)
-        draw_magnitude(drawn, shown.omega, limits, shown.reference, shown.coupled)
+        draw_magnitude(drawn, alike)
         drawn.set_title(f"|Zₕ| of {environment} (N·s/m), kind {kind}")
         return _finished(drawn, legend=ax is None)
 
@@ -205,40 +190,8 @@ def plot_coupling(coupling: Coupling | None, *, ax: Axes | None = None) -> Axes:
         raise _nothing("coupling to plot")
     with rc_context(_STYLE):
         drawn = _axes(ax)
-        lines = {"this coupling": (coupling.admittance, coupling.eq10_omega)}
-        draw_stability(drawn, coupling.omega, coupling.bound, lines)
+        draw_stability(drawn, coupling)
         drawn.set_title(f"Eq. 10 is {coupling.eq10}, margin {coupling.eq10_margin:.3g}")
-        return _finished(drawn, legend=ax is None)
-
-
-def plot_check(subjects: Sequence[SubjectCheck] | None, *, ax: Axes | None = None) -> Axes:
-    """Draw the ordered probabilities of lying as far off against a uniform law's."""
-    if not subjects:
-        raise _nothing("check of a hierarchical model")
-    ordered = sorted(subjects, key=lambda subject: subject.farther)
-    count = len(ordered)
-    rank = np.arange(1, count + 1)
-    # The order statistics of independent uniform numbers have Beta laws.
-    low = stats.beta.ppf((1 - _LEVEL) / 2, rank, count + 1 - rank)
-    high = stats.beta.ppf((1 + _LEVEL) / 2, rank, count + 1 - rank)
-    expected = rank / (count + 1)
-    with rc_context(_STYLE):
-        drawn = _axes(ax)
-        label = f"{_LEVEL:.0%}"
-        drawn.fill_between(
-            expected, low, high, color=COLOURS["quiet"], alpha=0.2, linewidth=0, label=label
-        )
-        ink = COLOURS["ink"]
-        drawn.plot([0, 1], [0, 1], color=ink, linestyle=REFERENCE_DASHES, linewidth=0.8)
-        farther = [subject.farther for subject in ordered]
-        drawn.plot(expected, farther, "D", color=COLOURS["bayesian"], label="subjects")
-        for x, subject in zip(expected, ordered, strict=True):
-            if subject.outlier:
-                point = (x, subject.farther)
-                drawn.annotate(subject.subject, point, xytext=(4, 0), textcoords="offset points")
-        drawn.set_xlabel("expected probability")
-        drawn.set_ylabel("probability of lying as far off")
-        drawn.set_title("How far subjects lie from the others’ prediction")
         return _finished(drawn, legend=ax is None)
 
 
@@ -251,21 +204,10 @@ def _axes(ax: Axes | None) -> Axes:
 
 
 def _finished(ax: Axes, *, legend: bool) -> Axes:
-    """Draw what is ink, quiet or paper in a report in the reader's colours; add a legend."""
-    paper = rcParams["axes.facecolor"]
-    colours = {
-        COLOURS["ink"]: rcParams["text.color"],
-        COLOURS["quiet"]: rcParams["axes.labelcolor"],
-        COLOURS["paper"]: paper,
-    }
+    """Draw what is ink in a report in the reader's colour of text; add a legend."""
     for line in ax.get_lines():
-        line.set_color(colours.get(to_hex(line.get_color()), line.get_color()))
-        face = line.get_markerfacecolor()
-        # An automatic face follows the line's colour; it is no colour of its own.
-        if face in colours:
-            line.set_markerfacecolor(colours[face])
-    if (drawn := ax.get_legend()) is not None:
-        drawn.remove()
+        if line.get_color() == COLOURS["ink"]:
+            line.set_color(rcParams["text.color"])
     if legend:
         handles, labels = ax.get_legend_handles_labels()
         named = dict(zip(labels, handles, strict=True))

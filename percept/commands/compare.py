@@ -235,15 +235,12 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
 
 def _bands(study: Study) -> None:
     """Print how the methods' boundaries differ; nothing without boundaries."""
-    from percept.report.boundaries import bands_sentences
-
     pairs = study.band_pairs
     if not pairs:
         return
     rows = [pair.flat() for pair in pairs]
     head = f"Boundaries in pairs, Bayesian against classical, {_claim(study)}. {_LEGEND}"
     print_table(rows, head=head)
-    show("\n".join(bands_sentences(pairs)))
 
 
 def _calibrate_command(arguments: argparse.Namespace) -> str:

@@ -23,6 +23,7 @@ from percept.commands.analysis import (
     print_table,
     read_scene,
     settings,
+    show,
     tell_error,
     verdict,
 )
@@ -113,7 +114,7 @@ def _print_checks(study: Study, say: Callable[[str], str]) -> None:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    """Write the report; print its findings, warnings and path."""
+    """Write the report, and print its findings, warnings and path; or print a line alone."""
     if arguments.results:
         return _report_again(arguments)
     if not arguments.sessions:
@@ -122,21 +123,25 @@ def _report(arguments: argparse.Namespace) -> int:
 
     with Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        page = study.report(
-            arguments.out,
-            formats=arguments.formats,
-            why=arguments.why,
-            progress=progress.stage,
-            beside=beside,
-            force=arguments.force,
-        )
-    _say_answer(page, arguments)
+        options = {"why": arguments.why, "progress": progress.stage, "beside": beside}
+        if _is_line_alone(arguments):
+            answer = study.decide(**options)
+        else:
+            page = study.report(
+                _out(arguments), formats=arguments.formats, force=arguments.force, **options
+            )
+    if _is_line_alone(arguments):
+        show(answer[0])
+    else:
+        _say_answer(page, arguments)
     return verdict(study)
 
 
 def _report_again(arguments: argparse.Namespace) -> int:
-    """Make page, tables and figures again from a report.json."""
+    """Make page, tables and figures again from a report.json, or print its answer."""
     from percept.report import rewrite_report
+    from percept.report.overview import decide
+    from percept.results import Results
 
     changes = {"scene": arguments.scene, "why": arguments.why or None, **settings(arguments)}
     given = [f"--{name}" for name, value in changes.items() if value is not None]
@@ -145,10 +150,13 @@ def _report_again(arguments: argparse.Namespace) -> int:
             "--from takes results as they are.",
             hint=f"Leave out {', '.join(given) or 'the sessions'}.",
         )
+    if _is_line_alone(arguments):
+        show(decide(Results.load(arguments.results))[0])
+        return 0
     with Working("writing the report", shown=not arguments.quiet) as progress:
         page = rewrite_report(
             arguments.results,
-            arguments.out,
+            _out(arguments),
             formats=arguments.formats,
             progress=progress.stage,
             force=arguments.force,
@@ -157,24 +165,31 @@ def _report_again(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _is_line_alone(arguments: argparse.Namespace) -> bool:
+    """Say whether the answer in a line is all that is wanted: no page is written then."""
+    return arguments.short and arguments.out is None and not arguments.open
+
+
+def _out(arguments: argparse.Namespace) -> str:
+    return arguments.out or "report"
+
+
 def _say_answer(page: Path, arguments: argparse.Namespace) -> None:
-    """Print the findings and the path of a page, or a line alone; open it if that was asked."""
-    if arguments.short or not arguments.quiet:
-        _print_findings(page, printable, is_short=arguments.short)
+    """Print the findings, warnings and path of a page, or a line alone; open it if that was asked.
+
+    What `verdict` says stands on standard error.
+    """
+    summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
+    told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
+    warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
+    if arguments.short:
+        show(summary["sentences"][0])
+    elif not arguments.quiet:
+        show("\n".join([*summary["sentences"], *warnings]))
     if not arguments.short:
         print(page)
     if arguments.open:
         webbrowser.open(page.resolve().as_uri())
-
-
-def _print_findings(page: Path, say: Callable[[str], str], *, is_short: bool) -> None:
-    """Print the sentences and warnings of a report's first screen, or its first sentence."""
-    summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
-    # What `verdict` says stands on standard error.
-    told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
-    warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
-    sentences = summary["sentences"]
-    print("\n".join(map(say, sentences[:1] if is_short else [*sentences, *warnings])))
 
 
 def _predict(arguments: argparse.Namespace) -> None:
@@ -297,9 +312,9 @@ REPORT = Command(
             "--from", "FILE", "make it again from this report.json, without data", dest="results"
         ),
         checks_argument(usual=True),
-        folder("report"),
+        argument("--out", "DIR", "folder to write into (report)"),
         flag("--why", "say why the methods differ; samples the models between them"),
-        flag("--short", "print the answer in one line, and nothing else"),
+        flag("--short", "print the answer in one line; write the report only with --out"),
         flag("--open", "open the page in a browser"),
         argument(
             "--formats",

@@ -73,8 +73,8 @@ def _print(width: ZWidth) -> None:
 
 def _draw(width: ZWidth, path: Path) -> None:
     """Write the figure as SVG."""
+    from percept.report.figures.canvas import drawn
     from percept.report.figures.couplings import stability_drawings
-    from percept.report.figures.output import drawn
 
     drawings = stability_drawings(width, None)
     if not drawings:

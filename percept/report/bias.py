@@ -149,20 +149,15 @@ def _measured(row: PsychophysicsRow) -> Cell:
 def _overall(rows: Sequence[PsychophysicsRow], results: Results) -> Table:
     """Return the table of what is over all environments: a measure of a quantity a row."""
     words = results.data.words
-    lines = []
-    for measure in present(_MEASURES, rows, "measure"):
-        of_measure = matching(rows, measure=measure)
-        for parameter in distinct(of_measure, "parameter"):
-            own = {row.method: row for row in matching(of_measure, parameter=parameter)}
-            unit = next(iter(own.values())).unit
-            line: list[Cell] = [(_MEASURES[measure].format(**vars(words)),)]
-            line.append((f"{parameter} ({unit})" if unit else parameter,))
-            for method in METHODS:
-                line.append(estimate(own[method]) if method in own else NOTHING)
-            lines.append(line)
+    units = {(row.measure, row.parameter): row.unit for row in rows}
+    lines = sorted(units, key=lambda line: list(_MEASURES).index(line[0]))
+    columns: Columns = {
+        "Measure": lambda line: _MEASURES[line[0]].format(**vars(words)),
+        "Quantity": lambda line: f"{line[1]} ({units[line]})" if units[line] else line[1],
+    }
+    columns |= side_by_side(rows, "measure parameter", ("method",), estimate)
     caption = f"Over all {words.environments}, with limits."
-    heads = ["Measure", "Quantity", *METHOD_NAMES.values()]
-    return Table(caption, heads, lines, name="psychophysics", csv="psychophysics")
+    return table_of(caption, lines, columns, name="psychophysics", csv="psychophysics")
 
 
 def _jnd(results: Results) -> Section:

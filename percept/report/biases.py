@@ -7,19 +7,17 @@ from dataclasses import dataclass
 
 from percept.errors import capitalised
 from percept.inference.record import percent
-from percept.report.numbers import digits_of, short, written
+from percept.report.numbers import MOST_NAMED, Estimated, digits_of, listed, short
 from percept.report.select import (
     KINDS,
     METHOD_NAMES,
     METHODS,
-    MOST_NAMED,
     MOST_SHOWN,
     distinct,
     families_from,
     family_of,
     first,
     is_relative,
-    listed,
     matching,
     present,
     unwidened,
@@ -41,42 +39,18 @@ _CAUSES = {
 _LEAST_MOVED = 0.1
 
 
-@dataclass(frozen=True)
-class Bias:
+@dataclass(frozen=True, kw_only=True)
+class Bias(Estimated):
     """An interval against its reference: as fractions of it, or less it in the unit."""
 
     row: IntervalRow
-    relative: bool
-    is_matched: bool
+    environment: str
+    parameter: str
 
     @property
-    def environment(self) -> str:
-        """Where it is."""
-        return self.row.environment
-
-    @property
-    def parameter(self) -> str:
-        """The quantity."""
-        return self.row.parameter
-
-    @property
-    def estimate(self) -> float:
-        """How far the average user is off."""
-        return self._off(self.row.estimate)
-
-    @property
-    def lower(self) -> float:
-        """The lower limit of that."""
-        return self._off(self.row.lower)
-
-    @property
-    def upper(self) -> float:
-        """The upper limit of that."""
-        return self._off(self.row.upper)
-
-    def _off(self, setting: float) -> float:
-        reference = self.row.reference or 0.0
-        return setting / reference - 1.0 if self.relative else setting - reference
+    def relative(self) -> bool:
+        """Whether it is a fraction of the reference."""
+        return self.style == "bias"
 
     @property
     def sign(self) -> int:
@@ -90,34 +64,9 @@ class Bias:
         return self.relative and is_wide
 
     @property
-    def style(self) -> str:
-        """How its numbers are written; without a reference they are means."""
-        return "bias" if self.relative else "difference" if self.is_matched else "plain"
-
-    @property
-    def limits(self) -> str:
-        """Both limits in words, with their unit."""
-        lower = self._text(self.lower)
-        upper = self._text(self.upper)
-        for unit in (" %", f" {self.row.unit}"):
-            if upper.endswith(unit):
-                lower = lower.removesuffix(unit)
-        return f"{lower} to {upper}"
-
-    @property
-    def said(self) -> str:
-        """Estimate and limits in words, with their unit."""
-        return f"{self.estimate_said}, {self.limits}"
-
-    @property
-    def estimate_said(self) -> str:
-        """The estimate in words, with its unit."""
-        return self._text(self.estimate)
-
-    def _text(self, number: float) -> str:
-        text = written(number, digits_of(self.estimate, self.lower, self.upper), self.style)
-        unit = "" if self.relative else f" {self.row.unit}".rstrip()
-        return text.replace("\u202f", " ") + unit
+    def named(self) -> str:
+        """The environment, with estimate and limits."""
+        return f"{self.environment} ({self.text(self.estimate)}, {self.limits})"
 
 
 def biases_of(
@@ -148,8 +97,25 @@ def biases_among(
             of_cell = matching(rows, environment=name, parameter=parameter)
             row = first(of_cell, method=methods, family=families)
             if row is not None and row.reference is not None:
-                biases.append(Bias(row, is_relative(rows, parameter), quantity.is_matched))
+                style = "difference" if quantity.is_matched else "plain"
+                style = "bias" if is_relative(rows, parameter) else style
+                biases.append(_bias(row, row.reference, style))
     return biases
+
+
+def _bias(row: IntervalRow, reference: float, style: str) -> Bias:
+    numbers = [row.estimate, row.lower, row.upper]
+    off = [one / reference - 1.0 if style == "bias" else one - reference for one in numbers]
+    return Bias(
+        estimate=off[0],
+        lower=off[1],
+        upper=off[2],
+        unit="" if style == "bias" else row.unit,
+        style=style,
+        row=row,
+        environment=row.environment,
+        parameter=row.parameter,
+    )
 
 
 def foremost(results: Results) -> list[str]:
@@ -184,68 +150,50 @@ def bias_sentences(results: Results) -> list[str]:
         if not biases:
             continue
         row = biases[0].row
-        claim = f"({METHOD_NAMES[row.method]}, {percent(row.level)})"
-        if not quantity.is_matched:
-            did = f"{results.data.words.users} {results.data.words.verb}"
-            means = f"a mean {quantity.label} of {_means(biases)}"
-            sentences.append(f"{capitalised(did)} {means} {claim}.")
-            continue
-        said = _off(biases, quantity.label, results)
+        said = _off(biases, quantity, results)
+        claim = f"{capitalised(said)} ({METHOD_NAMES[row.method]}, {percent(row.level)})."
         others = biases_of(results, method="classical", family=row.family)
         classical = matching(others, parameter=parameter)
-        disagreeing = _disagreements(biases, classical, results)
-        sentences.append(" ".join([f"{capitalised(said)} {claim}.", *disagreeing]))
+        sentences.append(" ".join([claim, *_disagreements(biases, classical, results)]))
     return sentences
 
 
-def _off(biases: Sequence[Bias], label: str, results: Results) -> str:
-    """Say to which side of the references users set a quantity, and where."""
+def _off(biases: Sequence[Bias], quantity: Quantity, results: Results) -> str:
+    """Say to which side of the references users set a quantity, and where; of many, the ends."""
     words = results.data.words
+    did = f"{words.users} {words.verb}"
+    label = quantity.label
+    if not quantity.is_matched:
+        means = _placed(biases, len(biases), words.environments)
+        return f"mean {label} by {words.environment}: {means}"
     if all(bias.says_nothing for bias in biases):
         return f"{label}: these {words.subjects} are too few to say anything"
-    sides = ("too high", "too low")
-    if not any(bias.row.reference for bias in biases):
-        sides = ("above zero", "below zero")
+    zero = "the reference" if any(bias.row.reference for bias in biases) else "zero"
     parts = []
-    for sign, side in zip((1, -1), sides, strict=True):
+    for sign, side in ((1, "above"), (-1, "below")):
         same = matching(biases, sign=sign)
         if same:
-            parts.append(f"{side} in {_placed(same, len(biases), results)}")
-    did = f"{words.users} {words.verb} {label}"
+            where = _placed(same, len(biases), words.environments)
+            parts.append(f"{side} {zero} in {where}")
+    did += f" {label}"
     if parts:
         return f"{did} {' and '.join(parts)}"
     if len(biases) == 1:
-        return f"{did} with no clear bias in {_named(biases[0])}"
-    told = matching(biases, says_nothing=False)
-    largest = max(told, key=lambda bias: abs(bias.estimate))
+        return f"{did} with no clear bias in {biases[0].named}"
+    largest = max(matching(biases, says_nothing=False), key=lambda bias: abs(bias.estimate))
     return (
         f"{did} with no clear bias in any of {len(biases)} {words.environments}; the largest is"
-        f" that of {_named(largest)}"
+        f" that of {largest.named}"
     )
 
 
-def _means(biases: Sequence[Bias]) -> str:
-    """Give each environment's mean with its interval; of many, the smallest and the largest."""
-    by_size = sorted(biases, key=lambda bias: bias.estimate)
-    shown = biases if len(biases) <= MOST_NAMED else (by_size[0], by_size[-1])
-    means = [f"{one.estimate_said} ({one.limits}) in {one.environment}" for one in shown]
-    return listed(means) if len(biases) <= MOST_NAMED else " to ".join(means)
-
-
-def _named(bias: Bias) -> str:
-    return f"{bias.environment} ({bias.said})"
-
-
-def _placed(biases: Sequence[Bias], every: int, results: Results) -> str:
+def _placed(biases: Sequence[Bias], every: int, environments: str) -> str:
     """Give each environment with its bias; of many, the smallest and the largest."""
     if len(biases) <= MOST_NAMED:
-        return listed([_named(bias) for bias in biases])
+        return listed([bias.named for bias in biases])
     count = f"all {every}" if len(biases) == every else f"{len(biases)} of {every}"
     by_size = sorted(biases, key=lambda bias: abs(bias.estimate))
-    return (
-        f"{count} {results.data.words.environments}, from {_named(by_size[0])} to"
-        f" {_named(by_size[-1])}"
-    )
+    return f"{count} {environments}, from {by_size[0].named} to {by_size[-1].named}"
 
 
 def _disagreements(
@@ -260,7 +208,7 @@ def _disagreements(
             continue
         if other.lower > bias.upper or other.upper < bias.lower:
             groups.setdefault("lies apart", []).append(other)
-        elif other.sign != bias.sign:
+        elif other.sign != bias.sign and bias.style != "plain":
             holds = "excludes zero" if other.sign else "holds zero"
             groups.setdefault(holds, []).append(other)
     sentences = []
@@ -284,7 +232,7 @@ def cause_sentences(
         for row in matching(effects, environment=name):
             if row.cause in _CAUSES:
                 moved = max(abs(row.log_width), abs(row.centre))
-                steps[row.cause] = max(moved, steps.get(row.cause, 0.0))
+                steps[row.cause] = max(moved, steps.get(row.cause, _LEAST_MOVED))
         cause = max(steps, key=steps.__getitem__, default="")
         if cause and steps[cause] > _LEAST_MOVED:
             by_cause.setdefault(_CAUSES[cause].format(environments), []).append(name)
@@ -292,7 +240,7 @@ def cause_sentences(
 
 
 def user_sentences(results: Results) -> list[str]:
-    """Say where the next user's settings lie."""
+    """Say where the next user's settings lie: the narrowest range and the widest."""
     words = results.data.words
     sentences = []
     every = biases_of(results, "user")
@@ -303,30 +251,22 @@ def user_sentences(results: Results) -> list[str]:
         row = biases[0].row
         sure = "confidence" if row.method == "classical" else "probability"
         what = f"the next {words.user}’s {quantity.label}"
-        told = matching(biases, says_nothing=False)
+        by_width = sorted(
+            matching(biases, says_nothing=False), key=lambda bias: bias.upper - bias.lower
+        )
         unknown = distinct(matching(biases, says_nothing=True), "environment")
         sentence = []
-        if told:
-            ends = " and ".join(_extremes(told))
+        if by_width:
+            ends = f"{_range(by_width[0])} in {by_width[0].environment}"
+            if len(by_width) > 1:
+                widest = f"{_range(by_width[-1])} in {by_width[-1].environment}"
+                ends = f"{ends}, the narrowest range, and {widest}, the widest"
             sentence.append(f"With {percent(row.level)} {sure}, {what} will be {ends}.")
         if unknown:
             where = listed(unknown, MOST_SHOWN)
             sentence.append(f"These data do not determine {what} in {where}.")
         sentences.append(" ".join(sentence))
     return sentences
-
-
-def _extremes(biases: Sequence[Bias]) -> list[str]:
-    """Write the narrowest and the widest range."""
-    by_width = sorted(biases, key=lambda bias: bias.upper - bias.lower)
-    if len(biases) == 1:
-        return [f"{_range(biases[0])} in {biases[0].environment}"]
-    narrowest = by_width[0]
-    widest = by_width[-1]
-    return [
-        f"{_range(narrowest)} ({narrowest.environment}, the narrowest)",
-        f"{_range(widest)} ({widest.environment}, the widest)",
-    ]
 
 
 def _range(bias: Bias) -> str:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from percept.boundary.band import size_name
 from percept.errors import capitalised
@@ -22,16 +25,15 @@ from percept.report.sections import (
     table_of,
     value,
 )
-from percept.report.select import (
-    METHOD_NAMES,
-    distinct,
-    family_of,
-    listed,
-    matching,
-    present,
-    unwidened,
+from percept.report.select import METHOD_NAMES, distinct, family_of, matching, present, unwidened
+from percept.results import (
+    BandLaw,
+    BandPair,
+    Coefficient,
+    Results,
+    plain,
+    share_curves,
 )
-from percept.results import Array, BandLaw, BandPair, Boundary, Coefficient, Results, plain
 
 _SHAPES = {
     "corner": (
@@ -45,6 +47,11 @@ _SHAPES = {
         " or the limits of Hotelling’s ellipse joined with the pointwise ones (classical)"
     ),
 }
+#: Fields of a boundary that the page's script draws.
+_CURVES = (
+    "environment", "kind", "method", "family", "shape", "omega", "lower", "upper", "reference",
+    "coupled",
+)  # fmt: skip
 _LAWS = {"weber": "w·{0}", "offset": "c + w·{0}", "power": "w·{0}^p"}
 #: Steps of the ladder, in words.
 _STEPS = {
@@ -62,12 +69,11 @@ _STEPS = {
 def comparison(results: Results) -> Section:
     """Return how the methods differ: a figure and a table of the next user's boundaries."""
     pairs = results.band_pairs or ()
-    sentences = [_differences(results), " ".join(bands_sentences(pairs))]
     title = "Classical against Bayesian boundaries" if pairs else "Classical against Bayesian"
     return Section(
         "comparison",
         title,
-        sentences,
+        [_differences(results)],
         [_pairs(results, matching(pairs, kind="user"))],
         ["ratios"] if results.boundaries else [],
         parts=[_why(results)],
@@ -104,60 +110,31 @@ def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
         "shift, largest": of("place.largest", 3, "percent"),
         "at ω (rad/s)": of("place.omega", 3),
         "shift, median": of("place.median", 3, "percent"),
-        "width ratio, largest": of("width.largest", 3),
+        "width ratio, farthest": of("width.largest", 3, "ratio"),
         "at ω, rad/s": of("width.omega", 3),
-        "width ratio, median": of("width.median", 3),
+        "width ratio, median": of("width.median", 3, "ratio"),
     }
     caption = (
         f"The next {words.user}’s Bayesian boundary against the classical one (exact envelopes)."
-        " Shift: of the middle. Width ratios: logarithms (0.69 is twice as wide)."
+        " Shift: of the middle."
     )
     return table_of(caption, pairs, columns, name="band_pairs", csv="band_pairs")
 
 
 def _differences(results: Results) -> str:
-    """Say how far the methods' intervals lie apart."""
+    """Say how wide the methods' intervals are beside each other."""
     pairs = results.comparison or ()
     ratios = [pair.width_ratio for pair in pairs if pair.width_ratio is not None]
-    farthest: dict[str, float] = {}  # By unit; shifts of relative quantities are fractions
-    for pair in pairs:
-        if pair.shift is not None:
-            unit = "%" if pair.relative else results.data.quantities[pair.parameter].unit
-            size = abs(pair.shift) * (100.0 if pair.relative else 1.0)
-            farthest[unit] = max(farthest.get(unit, 0.0), size)
-    if not ratios or not farthest:
+    if not ratios:
         return ""
-    shifts = listed([f"{short(size, 2)} {unit}".rstrip() for unit, size in farthest.items()])
     ends = min(ratios), max(ratios)
+    if not is_known(*ends):
+        return "Some intervals span many decades: how their widths compare says nothing."
     widths = " to ".join(dict.fromkeys(short(ratio, 2) for ratio in ends))
-    said = (
+    return (
         f"Of the same family and kind, Bayesian intervals are {widths} times as wide as classical"
         " ones."
     )
-    if not is_known(*ends):
-        said = "Some intervals span many decades: how their widths compare says nothing."
-    return f"{said} The methods’ estimates lie at most {shifts} apart."
-
-
-def bands_sentences(pairs: Sequence[BandPair]) -> list[str]:
-    """Say where the methods' boundaries lie farthest apart in place, and in width."""
-    if not pairs:
-        return []
-    place = max(pairs, key=lambda pair: abs(pair.place.largest))
-    width = max(pairs, key=lambda pair: abs(pair.width.largest))
-    sign = "higher" if place.place.largest > 0 else "lower"
-    apart = percentage(abs(place.place.largest), 2)
-    ratio = math.exp(width.width.largest)
-    times = f"is {short(ratio, 2)} times as wide"
-    if not is_known(min(ratio, 1.0), max(ratio, 1.0)):
-        times = "or the classical one spans many decades"
-    return [
-        "The Bayesian band of |Z_h| lies farthest from the classical one in"
-        f" {place.environment} (kind {place.kind}): {apart} {sign} at"
-        f" {short(place.place.omega, 2)} rad/s.",
-        f"Its width differs most in {width.environment} (kind {width.kind}): it"
-        f" {times} at {short(width.width.omega, 2)} rad/s.",
-    ]
 
 
 def boundaries(results: Results) -> Section:
@@ -202,47 +179,28 @@ def boundaries(results: Results) -> Section:
 
 
 def _explorer(results: Results) -> Section:
-    """Return the curves for the page's script."""
-    curves = []
+    """Return the curves for the page's script, as report.json has them, with fewer digits."""
     shown = foremost(results)
-    for name in distinct(results.boundaries, "environment"):
-        records = matching(unwidened(results.boundaries), environment=name)
-        if records and name in shown:
-            curves.append(_curves(records, results.zoom.get(name)))
+    curves = [
+        {name: _short(getattr(record, name)) for name in _CURVES}
+        for record in unwidened(results.boundaries)
+        if record.environment in shown
+    ]
     if not curves:
         return Section("explore")
-    text = json.dumps(plain(curves), ensure_ascii=False, separators=(",", ":"))
+    shared = share_curves(curves)
+    document = plain({"boundaries": curves, "impedances": shared, "zoom": results.zoom})
+    text = json.dumps(document, ensure_ascii=False, separators=(",", ":"))
     # A script element ends at the first end tag in it, wherever that stands.
     data = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     return Section("explore", "Explore every boundary", [data], form="curves", is_folded=True)
 
 
-def _curves(records: Sequence[Boundary], zoom: tuple[float, float] | None) -> dict[str, object]:
-    """Return what the page's script draws of one environment; each grid stands once."""
-    grids: list[list[float | None]] = []
-    limits = []
-    for record in records:
-        grid = _short(record.omega)
-        if grid not in grids:
-            grids.append(grid)
-        drawn: dict[str, object] = {"grid": grids.index(grid)}
-        for name in ("kind", "method", "family", "shape"):
-            drawn[name] = getattr(record, name)
-        limits.append(drawn | {"lower": _short(record.lower), "upper": _short(record.upper)})
-    coupled = records[0].coupled
-    return {
-        "name": records[0].environment,
-        "zoom": zoom,
-        "grids": grids,
-        "reference": _short(records[0].reference),
-        "coupled": None if coupled is None else _short(coupled),
-        "limits": limits,
-    }
-
-
-def _short(values: Array) -> list[float | None]:
-    """Round to seven digits; what is not finite is not drawn."""
-    return [float(f"{value:.7g}") if math.isfinite(value) else None for value in values.tolist()]
+def _short(value: Any) -> Any:
+    """Round an array to seven digits; what is not finite is not drawn."""
+    if not isinstance(value, np.ndarray):
+        return value
+    return [float(f"{one:.7g}") if math.isfinite(one) else None for one in value.tolist()]
 
 
 def _bands(results: Results) -> list[Section]:
@@ -284,11 +242,10 @@ def _band(results: Results, parameter: str | None) -> Section:
     )
     likely_caption = "Share of posterior draws, or of bootstrap samples, in which it is true."
     best = max(laws, key=lambda law: (law.method == "bayesian", law.best), default=None)
-    sentences = [_is_narrower(results, parameter), best.sentence if best else ""]
     return Section(
         name,
         f"Band of {what}",
-        [" ".join(sentence for sentence in sentences if sentence)],
+        [best.sentence] if best else [],
         [
             table_of(caption, distinct(rows, "environment"), columns, name=name, csv="band"),
             _law_table(laws, symbol, words.environment),
@@ -343,31 +300,3 @@ def _law_table(laws: Sequence[BandLaw], symbol: str, environment: str) -> Table:
 
 def _coefficient(one: Coefficient) -> Cell:
     return (*value(one.value, 3), " (", *value(one.lower, 3), " to ", *value(one.upper, 3), ")")
-
-
-def _is_narrower(results: Results, parameter: str | None) -> str:
-    """Say whether the relative band is narrower where the size is lowest."""
-    band = results.band
-    own = {"family": family_of(results), "parameter": parameter}
-    statements = matching(band.statements if band else (), **own)
-    relative = [row for row in statements if ", relative to" in row.statement]
-    if band is None or not relative:
-        return ""
-    row = relative[-1]
-    size = size_name(parameter)
-    rows = sorted(matching(band.rows, **own, method=row.method), key=lambda one: getattr(one, size))
-    low = rows[0]
-    high = rows[-1]
-    decision = results.provenance.scene["inference"]["decision"]
-    claim = "the data do not tell whether discrimination is better"
-    if row.probability >= decision:
-        claim = "discrimination is better"
-    elif row.probability <= 1.0 - decision:
-        claim = "discrimination is not better"
-    return (
-        f"Relative to the size, {claim} at low {'references' if parameter else 'impedance'}: the"
-        f" band of {results.data.words.users} is {percentage(low.relative, 2)} in"
-        f" {low.environment}, the lowest, and {percentage(high.relative, 2)} in"
-        f" {high.environment}, the highest. The probability that it is narrower in"
-        f" {low.environment} is {percentage(row.probability, 2)} ({METHOD_NAMES[row.method]})."
-    )

@@ -5,19 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-import numpy as np
 from scipy import special
 
 from percept.errors import capitalised, counted
 from percept.report.decisions import doubtful_verdicts
-from percept.report.numbers import apart, short
-from percept.report.select import (
-    MOST_SHOWN,
-    distinct,
-    family_of,
-    listed,
-    matching,
-)
+from percept.report.numbers import apart, listed, short
+from percept.report.select import MOST_SHOWN, distinct, family_of, matching
 from percept.results import IntervalRow, Results
 
 _FEW = 5  # fewer subjects than this are called few
@@ -53,7 +46,6 @@ def cautions(results: Results) -> list[str]:
     said += _widened(results)
     said += _at_limits(results)
     said += _few(results)
-    said += _below_zero(results)
     said += _growing(results)
     said += misfits(results)
     said += _warnings(results)
@@ -96,17 +88,22 @@ def _means(results: Results, parameter: str) -> list[tuple[IntervalRow, Interval
     ]
 
 
+def _on_scale(row: IntervalRow) -> list[float]:
+    """Return estimate and limits on the family's scale."""
+    numbers = [row.estimate, row.lower, row.upper]
+    return [math.log(one) for one in numbers] if row.family == "lognormal" else numbers
+
+
 def _shift(row: IntervalRow, classical: IntervalRow) -> float:
     """Distance of two estimates in half-widths of the classical interval."""
-    ends = [row.estimate, classical.estimate, classical.lower, classical.upper]
-    if row.family == "lognormal":
-        ends = [math.log(value) for value in ends]
-    estimate, plain, lower, upper = ends
-    return 2.0 * abs(estimate - plain) / (upper - lower) if upper > lower else 0.0
+    estimate, lower, upper = _on_scale(classical)
+    return 2.0 * abs(_on_scale(row)[0] - estimate) / (upper - lower) if upper > lower else 0.0
 
 
 def _pooled(results: Results) -> Iterator[str]:
     """Say where the hierarchical model draws a mean far towards the others."""
+    if overruled(results):
+        return  # Said first
     for parameter, quantity in results.data.quantities.items():
         pairs = _means(results, parameter)
         if len(pairs) < 2:
@@ -129,10 +126,10 @@ def _widened(results: Results) -> Iterator[str]:
         pairs = _means(results, parameter)
         # Of several environments each says what the spread of the others may be.
         for row, classical in pairs if len(pairs) == 1 else ():
-            ends = np.array([[row.lower, row.upper], [classical.lower, classical.upper]])
-            if row.family == "lognormal":
-                ends = np.log(ends)
-            of_model, of_data = np.diff(ends, axis=1)[:, 0]
+            _, lower, upper = _on_scale(row)
+            of_model = upper - lower
+            _, lower, upper = _on_scale(classical)
+            of_data = upper - lower
             if of_model > _WIDENED * of_data > 0.0:
                 yield (
                     f"The Bayesian interval of {quantity.label} in {row.environment} is"
@@ -188,33 +185,14 @@ def _few(results: Results) -> Iterator[str]:
     yield f"{subjects} {results.data.words.subjects} are few: {', '.join(rests_on)}."
 
 
-def _below_zero(results: Results) -> Iterator[str]:
-    """Say where normal limits are below zero though no quantity can be."""
-    if family_of(results) != "normal":
-        return
-    for name, quantity in results.data.quantities.items():
-        cells = matching(results.data.cells, parameter=name)
-        # What people set below zero is a quantity that may lie there. Ratings and changes may, too.
-        if not quantity.is_matched or any(min(cell.values, default=0.0) < 0 for cell in cells):
-            continue
-        rows = matching(results.intervals, parameter=name, family="normal", joint="marginal")
-        below = [row for row in rows if row.lower < 0 <= (row.reference or 0.0)]
-        if below:
-            where = listed(distinct(below, "environment"), MOST_SHOWN)
-            yield (
-                f"Some limits of the normal family are below zero, where no {quantity.label} can be"
-                f" ({where}). Limits of the lognormal family never are."
-            )
-
-
 def _growing(results: Results) -> Iterator[str]:
     """Say what may chatter as it is rendered."""
     rows = matching(results.rendering or (), coupled=False, verdict="cannot")
     if rows:
         names = listed([str(row.environment) for row in rows], MOST_SHOWN)
         yield (
-            f"Rendered directly, {names} may chatter: with some hands the loop is unstable."
-            f" {capitalised(results.data.words.users)} may then set them wrongly."
+            f"Rendered directly, {names} may chatter with some hands, and"
+            f" {results.data.words.users} may then set them wrongly."
         )
 
 

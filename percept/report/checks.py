@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.biases import foremost
 from percept.report.cautions import misfits
-from percept.report.numbers import short
+from percept.report.numbers import Estimated, listed, short
 from percept.report.sections import (
     NOTHING,
     Cell,
@@ -22,7 +20,7 @@ from percept.report.sections import (
     table_of,
     value,
 )
-from percept.report.select import MOST_SHOWN, distinct, listed, matching
+from percept.report.select import MOST_SHOWN, distinct, first, matching
 from percept.results import IntervalWithout, LeftOut, Results
 
 
@@ -125,28 +123,31 @@ def _people(results: Results) -> Section:
     for parameter in distinct(rows, "parameter"):
         own = matching(rows, parameter=parameter)
         relative = own[0].relative
-        cells = {
-            "mean": of("mean", 2, "bias" if relative else "difference"),
-            "SD": of("sd", 2, "percent" if relative else "plain"),
-            "distance": of("distance", 2),
-        }
         measured = " of the reference" if relative else f" ({own[0].unit})" if own[0].unit else ""
-        for head, cell in cells.items():
-            unit = measured if head == "mean" else ""
-            columns[f"{parameter}, {head}{unit}"] = column(own, "subject", cell)
+        mean = of("mean", 2, "bias" if relative else "difference")
+        columns[f"{parameter}, mean{measured}"] = column(own, "subject", mean)
+        sd = of("sd", 2, "percent" if relative else "plain")
+        columns[f"{parameter}, SD"] = column(own, "subject", sd)
+        columns[f"{parameter}, distance"] = column(own, "subject", of("distance", 2))
     logarithms = " (of logarithms)" if rows[0].log else ""
     caption = (
         f"What each {words.subject} {words.verb} over the {words.environments}: mean deviation,"
         f" SD{logarithms}, and distance from the others’ mean in their SDs."
     )
     if loo:
-        for head, field in (("as far or farther", "farther"), ("Pareto index", "pareto_k")):
-            columns[head] = column(loo.subjects, "subject", of(field, 2))
+        columns["as far or farther"] = column(loo.subjects, "subject", of("farther", 2))
+        columns["Pareto index"] = column(loo.subjects, "subject", of("pareto_k", 2))
         caption += (
             " The model expects as far or farther with the stated probability; a Pareto index above"
             f" {short(loo.good_k, 2)} is too high for reweighting."
         )
-    table = table_of(caption, distinct(rows, "subject"), columns, name="subjects", csv="subjects")
+    names = distinct(rows, "subject")
+    if len(names) > MOST_SHOWN:
+        caption += f" The {MOST_SHOWN} farthest of {len(names)}; the CSV has all."
+        by_distance = sorted(rows, key=lambda row: -abs(row.distance or 0.0))
+        farthest = distinct(by_distance, "subject")[:MOST_SHOWN]
+        names = [name for name in names if name in farthest]
+    table = table_of(caption, names, columns, name="subjects", csv="subjects")
     tables = [table, _without(results, loo)] if loo else [table]
     return Section("people", f"The {words.subjects}, one by one", tables=tables)
 
@@ -160,21 +161,25 @@ def _without(results: Results, loo: LeftOut) -> Table:
 
     def moved_most(row: IntervalWithout) -> Cell:
         own = matching(results.intervals, environment=row.environment, parameter=row.parameter)
-        whole = matching(own, kind="mean", method="bayesian", joint="marginal")
-        known = {index: one for index, one in enumerate(row.estimate) if one is not None}
-        if not whole or not known:
+        whole = first(matching(own, kind="mean", method="bayesian", joint="marginal"))
+        moved = {}
+        for name, middle, lower, upper in zip(
+            names, row.estimate, row.lower, row.upper, strict=True
+        ):
+            if middle is not None and lower is not None and upper is not None:
+                moved[name] = Estimated(estimate=middle, lower=lower, upper=upper)
+        if not whole or not moved:
             return NOTHING
-        index = max(known, key=lambda index: abs(known[index] - whole[0].estimate))
-        one = _Without(row.estimate[index], row.lower[index], row.upper[index])
-        return (*estimate(one), f" without {names[index]}")
+        most = max(moved, key=lambda name: abs(moved[name].estimate - whole.estimate))
+        return (*estimate(moved[most]), f" without {most}")
 
     rows = [row for row in results.checks.without if row.environment in shown]
     columns: Columns = {capitalised(words.environment): str}
-    for name, column_of in side_by_side(rows, "environment", ("parameter",), moved_most).items():
+    for name in distinct(rows, "parameter"):
         quantity = results.data.quantities[name]
-        columns[f"{quantity.head} ({quantity.unit})" if quantity.unit else quantity.head] = (
-            column_of
-        )
+        own = matching(rows, parameter=name)
+        head = f"{quantity.head} ({quantity.unit})" if quantity.unit else quantity.head
+        columns[head] = column(own, "environment", moved_most)
     level = percent(results.provenance.scene["inference"]["level"])
     caption = (
         f"The average {words.user} (Bayesian, {level} limits) without the {words.subject} who moves"
@@ -184,11 +189,3 @@ def _without(results: Results, loo: LeftOut) -> Table:
     if untold:
         caption += f" Too few draws tell what it is without {listed(untold, MOST_SHOWN)}."
     return table_of(caption, distinct(rows, "environment"), columns)
-
-
-class _Without(NamedTuple):
-    """An interval without some subject."""
-
-    estimate: float | None
-    lower: float | None
-    upper: float | None

@@ -8,7 +8,7 @@ from typing import Any
 
 from percept.errors import capitalised
 from percept.inference.record import percent
-from percept.report.numbers import digits_of, short
+from percept.report.numbers import Estimated, digits_of, listed
 from percept.report.sections import (
     NOTHING,
     Cell,
@@ -25,7 +25,6 @@ from percept.report.select import (
     METHOD_NAMES,
     METHODS,
     distinct,
-    listed,
     matching,
     present,
 )
@@ -50,21 +49,19 @@ def contrast_rows(results: Results) -> list[ContrastRow]:
     """Return the contrasts in the data's unit: parts of unequal references become per cents."""
     rows = []
     for row in results.contrast:
-        if row.unit != "references":
-            # Pure numbers have no word for their unit.
-            rows.append(dataclasses.replace(row, unit=row.unit.removesuffix("units")))
-            continue
-        cells = matching(results.intervals, parameter=row.parameter)
-        sizes = {cell.reference for cell in cells if cell.environment.startswith(row.references)}
-        scale = 100.0
-        unit = "% of the reference"
-        if len(sizes) == 1 and None not in sizes:
-            scale = sizes.pop() or 0.0
-            unit = results.data.quantities[row.parameter].unit
+        # Pure numbers have no word for their unit.
+        unit = row.unit.removesuffix("units")
+        scale = 1.0
+        if unit == "references":
+            cells = matching(results.intervals, parameter=row.parameter)
+            sizes = {one.reference for one in cells if one.environment.startswith(row.references)}
+            size = sizes.pop() if len(sizes) == 1 else None
+            unit = results.data.quantities[row.parameter].unit if size else "% of the reference"
+            scale = size or 100.0
         scaled: dict[str, Any] = {}
         for name in _LIMITS:
-            size = getattr(row, name)
-            scaled[name] = None if size is None else scale * size
+            number = getattr(row, name)
+            scaled[name] = None if number is None else scale * number
         rows.append(dataclasses.replace(row, unit=unit, **scaled))
     return rows
 
@@ -158,14 +155,10 @@ def _table(rows: Sequence[ContrastRow], results: Results) -> Table:
         words.subjects: of("n", style="count"),
     }
     shown = [row for row in rows if row.kind in ("mean", None)] or list(rows)
-    optional = {"together": "lower_together", above: "probability_above", "d_z": "d_z"}
-    for head, field in optional.items():
-        if all(getattr(row, field) is None for row in shown):
-            del columns[head]
     measure = "over" if rows[0].family == "lognormal" else "less"
     caption = (
-        f"Contrasts of levels for the average {words.user}, the first {measure} the second; spreads"
-        f" as ratios of SDs ({percent(rows[0].level)} limits). Overall, all references weigh the"
+        f"Contrasts of levels for the average {words.user}: A against B is A {measure} B; spreads"
+        f" are ratios of SDs ({percent(rows[0].level)} limits). Overall, all references weigh the"
         " same."
     )
     return table_of(caption, sorted(shown, key=place), columns, name="contrast", csv="contrast")
@@ -217,68 +210,57 @@ def _clarity(row: ContrastRow) -> float:
 def _difference(row: ContrastRow, results: Results) -> str:
     """Say how the second level differs from the first, and on how much of the study that rests."""
     words = results.data.words
-    quantity = results.data.quantities[row.parameter]
     who = {"user": f"next {words.user}’s ", "share": f"most {words.users}’ "}.get(
         row.kind or "", ""
     )
-    what = f"{who}{quantity.label}" + (f" in {row.environment}" if row.environment else "")
-    first = row.first
-    second = f"{row.second} of {row.factor}" if row.of == "slope" else row.second
+    what = who + results.data.quantities[row.parameter].label
+    if row.environment and results.data.references > 1:
+        what += f" in {row.environment}"
+    factor, first, second = row.factor, row.first, row.second
     if row.of == "interaction":
         # The change over one factor, at two levels of the rest.
         start, _, first = row.first.partition(", ")
         end, _, second = row.second.partition(", ")
-        what = f"change of the {what} from {start} to {end}"
-    size = _sized(row, abs(row.estimate)) + _unit(row)
-    limits = f"({percent(row.level)}: {_limits(row, row.lower, row.upper)})"
+        changing, _, factor = factor.partition(":")
+        what = f"change of the {what} from {changing} {start} to {end}"
+    is_product = is_ratio(row)
+    shown = Estimated(
+        estimate=row.estimate,
+        lower=row.lower,
+        upper=row.upper,
+        unit="" if is_product else row.unit,
+        style="plain" if is_product else "difference",
+        least_digits=_LEAST_DIGITS,
+    )
+    level = percent(row.level)
+    limits = f"({level}: {shown.limits})"
+    times = " times" if is_product else ""
+    size = shown.text(abs(row.estimate), "plain") + times
     lower = row.lower if row.lower_together is None else row.lower_together
     upper = row.upper if row.upper_together is None else row.upper_together
     if row.of == "slope" and row.factor == TRIAL_REFERENCE:
-        way = "falls" if row.estimate < is_ratio(row) else "rises"
+        way = "falls" if row.estimate < is_product else "rises"
         said = f"Per decade of reference the bias of the {what} {way} by {size} {limits}."
-        if is_ratio(row):
+        if is_product:
             # The reference itself is ten times as high.
             said = (
-                f"Per decade of reference the {what} is {_sized(row, 10.0 * row.estimate)} times as"
+                f"Per decade of reference the {what} is {shown.text(10.0 * row.estimate)} times as"
                 f" large: the ratio to the reference {way} to {size} {limits}."
             )
-    elif lower <= is_ratio(row) <= upper:
+    elif lower <= is_product <= upper:
         together = "" if row.lower_together is None else ", together"
+        outer = dataclasses.replace(shown, lower=lower, upper=upper)
         said = (
-            f"{capitalised(second)} and {first} do not differ clearly in the {what}:"
-            f" {_signed(row, row.estimate)}{_unit(row)} ({percent(row.level)}{together}:"
-            f" {_limits(row, lower, upper)})."
+            f"The {what} does not differ clearly between {factor} {second} and {first}:"
+            f" {shown.text(row.estimate)}{times} ({level}{together}: {outer.limits})."
         )
-    elif is_ratio(row):
-        said = f"The {what} is {size} as large for {second} as for {first} {limits}."
     else:
-        side = "smaller" if row.estimate < 0.0 else "larger"
-        said = f"The {what} is {size} {side} for {second} than for {first} {limits}."
+        side = "as large" if is_product else "smaller" if row.estimate < 0.0 else "larger"
+        other = "as" if is_product else "than"
+        said = f"The {what} is {size} {side} for {factor} {second} {other} for {first} {limits}."
     rests_on = []
     if row.n < results.data.subjects:
         rests_on.append(f"{row.n} of {results.data.subjects} {words.subjects}")
     if row.environment is None and len(row.references) < results.data.references:
         rests_on.append(f"{len(row.references)} of {results.data.references} references")
     return f"{said} It rests on {listed(rests_on)}." if rests_on else said
-
-
-def _unit(row: ContrastRow) -> str:
-    unit = "times" if is_ratio(row) else row.unit
-    return f" {unit}" if unit else ""
-
-
-def _sized(row: ContrastRow, size: float) -> str:
-    """Write a size with the digits of the row's estimate."""
-    return short(size, max(digits_of(row.estimate, row.lower, row.upper), _LEAST_DIGITS))
-
-
-def _signed(row: ContrastRow, size: float) -> str:
-    """Write a size; a difference with its sign."""
-    sign = "+" if size > 0.0 and not is_ratio(row) else ""
-    return sign + _sized(row, size)
-
-
-def _limits(row: ContrastRow, lower: float, upper: float) -> str:
-    """Write two limits with their unit."""
-    unit = "" if is_ratio(row) else _unit(row)
-    return f"{_signed(row, lower)} to {_signed(row, upper)}{unit}"

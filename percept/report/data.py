@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from percept.errors import capitalised
-from percept.report.sections import Cell, Columns, Section, Table, of, table_of
+from percept.report.sections import Cell, Columns, Section, Table, column, of, table_of
+from percept.report.select import distinct, matching
 from percept.results import LeftOutRow, Note, Results, plain
 from percept.scene import Scene
 
@@ -22,19 +23,20 @@ def data(results: Results) -> Section:
         ),
     }
     counts = [f"{labels.get(what, what)} {count}" for what, count in read.counts.items()]
-    cells: Columns = {
-        capitalised(words.environment): of("environment"),
-        "Quantity": lambda row: f"{row.parameter} ({row.unit})" if row.unit else row.parameter,
-        words.subjects: of("n", style="count"),
-        "Mean": of("mean"),
-        "SD": of("sd"),
-    }
+    cells: Columns = {capitalised(words.environment): str}
+    for name in distinct(read.cells, "parameter"):
+        own = matching(read.cells, parameter=name)
+        unit = f" ({own[0].unit})" if own[0].unit else ""
+        cells[f"{name}, {words.subjects}"] = column(own, "environment", of("n", style="count"))
+        cells[f"{name}, mean{unit}"] = column(own, "environment", of("mean"))
+        cells[f"{name}, SD{unit}"] = column(own, "environment", of("sd"))
     left_out: Columns = {
         "Who": of("who"),
         "What": of("what"),
         "Why": of("why"),
         "Where": _place,
     }
+    caption = f"Values: {words.subjects}’ means over their trials."
     sentences = [f"Read: {', '.join(counts)}."] if counts else []
     if not read.exclusions:
         sentences.append("No row was left out.")
@@ -43,9 +45,7 @@ def data(results: Results) -> Section:
         "Data",
         [" ".join(sentences)],
         [
-            table_of(
-                f"Values: {words.subjects}’ means over their trials.", read.cells, cells, csv="data"
-            ),
+            table_of(caption, distinct(read.cells, "environment"), cells, csv="data"),
             table_of("What was left out, and why.", read.exclusions, left_out),
             _settings(results),
         ],

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, judge
+from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.biases import cause_sentences
-from percept.report.numbers import short
-from percept.report.select import METHOD_NAMES, MOST_NAMED, distinct, listed, matching
+from percept.report.numbers import MOST_NAMED, listed, short, spanned
+from percept.report.select import METHOD_NAMES, distinct, matching
 from percept.results import ConfirmedCoupling, Rendered, Results, Verdict, Words
 
 #: How an environment is displayed, by whether it is through the coupling.
@@ -28,6 +29,7 @@ _SAID = {
 }
 _ALMOST_CERTAIN = 0.995  # from here on a probability in whole per cents would be 100
 _KILO = 1e3  # N/m in kN/m
+_MOST_SPANS = 2  # couplings' ends in a sentence; a table has all
 
 
 def _probability_said(probability: float, decision: float) -> str:
@@ -44,9 +46,9 @@ def _probability_said(probability: float, decision: float) -> str:
 
 def _named(names: Sequence[str], words: Words, every: int = 0) -> str:
     """Name environments; count many of them."""
-    if len(names) <= MOST_NAMED:
-        return listed(names)
-    return f"{'all ' if len(names) == every else ''}{len(names)} {words.environments}"
+    if 2 < len(names) == every:
+        return f"all {every}"
+    return listed(names) if len(names) <= MOST_NAMED else f"{len(names)} {words.environments}"
 
 
 def _is_coupled(results: Results) -> bool:
@@ -86,7 +88,10 @@ def feeling_sentences(results: Results) -> list[str]:
     if judged:
         outcomes = {row.environment: (row.outcome, row.probability) for row in judged}
         said = _felt(outcomes, judged, results.data.words)
-        sentences.append(f"{said[0].upper() if said.startswith('for ') else said[0]}{said[1:]}.")
+        # Names stay as they are written.
+        if said.startswith(("for ", "all ")):
+            said = capitalised(said)
+        sentences.append(f"{said}.")
         sentences += _disagreeing(judged, results)
         sentences += _deciding(judged, results.data.words)
     return sentences
@@ -119,17 +124,10 @@ def _felt(
     groups = []
     for outcome, forms in _SAID.items():
         own = {name: chance for name, (found, chance) in outcomes.items() if found == outcome}
-        if not own:
-            continue
-        said = forms[len(own) > 1].format(_named(list(own), words, len(judged)))
-        shown = [_probability_said(chance, judged[0].decision) for chance in own.values()]
-        chances = listed(shown)
-        if len(set(shown)) == 1:
-            chances = shown[0]
-        elif len(own) > MOST_NAMED:
-            by_size = [name for _, name in sorted(zip(own.values(), shown, strict=True))]
-            chances = f"{by_size[0]} to {by_size[-1]}"
-        groups.append(f"{said} ({chances})")
+        if own:
+            said = forms[len(own) > 1].format(_named(list(own), words, len(judged)))
+            shown = [_probability_said(chance, judged[0].decision) for chance in own.values()]
+            groups.append(f"{said} ({spanned(list(own.values()), shown)})")
     return "; ".join(groups)
 
 
@@ -158,13 +156,9 @@ def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
     shown = [f"{float(f'{count:.2g}'):,.0f}" for count in counts.values()]
     sentences = []
     if counts:
-        which = listed(list(counts))
-        numbers = listed(shown)
-        if len(counts) > MOST_NAMED:
-            by_size = [name for _, name in sorted(zip(counts.values(), shown, strict=True))]
-            which = f"each of {len(counts)} {words.environments}"
-            numbers = f"{by_size[0]} to {by_size[-1]}"
+        which = _named(list(counts), words)
         several = words.subject if set(shown) == {"1"} else words.subjects
+        numbers = spanned(list(counts.values()), shown)
         sentences.append(f"To decide {which}, about {numbers} more {several}.")
     too_many = [name for name in needed if name not in counts]
     if too_many:
@@ -203,10 +197,8 @@ def doubtful_verdicts(results: Results) -> list[str]:
         leaning = verdict.leaning
         if leaning is None:
             continue
-        rows = []
-        for row in leaning.rows:
-            where = "a trial" if row.row is None else f"row {row.row} of {row.file}"
-            rows.append(f"{where}: {row.text}")
+        # The page's data say what is wrong with a row.
+        rows = [f"row {one.row} of {one.file}" if one.row else one.text for one in leaning.rows]
         without = "that row" if len(rows) == 1 else "those rows"
         said = "there is no verdict"
         other = leaning.without
@@ -227,9 +219,7 @@ def device_sentence(results: Results) -> str:
         return ""
     names = [str(row.environment) for row in rows]
     needed = [row.needed_damping for row in rows]
-    said = listed([short(size) for size in needed])
-    if len(needed) > MOST_NAMED:
-        said = f"{short(min(needed))} to {short(max(needed))}"
+    said = spanned(needed, [short(size) for size in needed])
     return (
         f"{_WAYS[_is_coupled(results)]}, {_named(names, results.data.words)} would need a device"
         f" with {said} N·s/m of damping; this one has {device['damping']:g}."
@@ -237,34 +227,32 @@ def device_sentence(results: Results) -> str:
 
 
 def coupling_sentences(results: Results) -> list[str]:
-    """Name the softest and the stiffest coupling found that feel real, and say where none does."""
+    """Name what some coupling makes feel real, of few with its ends, and what none does."""
     design = results.design
     if design is None:
         return []
     words = results.data.words
-    spans: list[str] = []
-    absent: dict[str, list[str]] = {"none": [], "undecided": []}
+    outcomes = {row.name: row.outcome for row in design.environments if row.name is not None}
+    spans = {}
     for row in design.environments:
-        if row.name is None:
-            continue
-        if row.softest is None or row.stiffest is None:
-            absent["none" if row.outcome == "none" else "undecided"].append(row.name)
-            continue
-        softest = _coupling(row.softest)
-        stiffest = "a rigid one" if row.stiffest.bound == "map" else _coupling(row.stiffest)
-        feels = "" if spans else " feels real through some couplings,"
-        spans.append(f"{row.name}{feels} from {softest} to {stiffest}")
+        if row.name is not None and row.softest is not None and row.stiffest is not None:
+            stiffest = "a rigid one" if row.stiffest.bound == "map" else _coupling(row.stiffest)
+            spans[row.name] = f"{row.name} (from {_coupling(row.softest)} to {stiffest})"
     sentences = []
     if spans:
         measure = "probability" if design.method == "bayesian" else "confidence"
-        sure = f"{percent(design.decision)} {measure}"
-        said = "; ".join(spans) if len(spans) <= MOST_NAMED else listed(spans, MOST_NAMED)
-        sentences.append(f"{said} ({sure}).")
-    if names := absent["none"]:
-        sentences.append(f"No coupling serves {_named(names, words)}.")
-    if names := absent["undecided"]:
+        shown = list(spans.values() if len(spans) <= _MOST_SPANS else spans)
         sentences.append(
-            f"Whether a coupling makes {_named(names, words)} feel real the data do not decide."
+            f"With {percent(design.decision)} {measure}, some couplings make"
+            f" {_named(shown, words)} feel real."
+        )
+    absent = [name for name, outcome in outcomes.items() if outcome == "none"]
+    unknown = [name for name in outcomes if name not in (*spans, *absent)]
+    if absent:
+        sentences.append(f"No coupling serves {_named(absent, words)}.")
+    if unknown:
+        sentences.append(
+            f"Whether a coupling makes {_named(unknown, words)} feel real the data do not decide."
         )
     return sentences
 

@@ -9,7 +9,7 @@ from percept.boundary.confidence import FEWEST_FOR_PAIR, PARTS
 from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE
 from percept.errors import capitalised
 from percept.inference.record import percent
-from percept.report.decisions import RENDERED, paper_rule
+from percept.report.decisions import RENDERED, judged_verdicts, paper_rule
 from percept.report.numbers import percentage, short
 from percept.report.sections import (
     NOTHING,
@@ -17,12 +17,13 @@ from percept.report.sections import (
     Columns,
     Section,
     Table,
+    column,
     of,
     plus_minus,
     table_of,
     value,
 )
-from percept.report.select import METHOD_NAMES, distinct, is_rendered
+from percept.report.select import METHOD_NAMES, distinct, matching
 from percept.results import (
     ChangedVerdict,
     ConfirmedCoupling,
@@ -31,7 +32,7 @@ from percept.results import (
     Verdict,
 )
 
-_RENDERS = {"can": "can be rendered", "cannot": "cannot be rendered", "undecided": "undecided"}
+_RENDERS = {"can": "yes", "cannot": "no", "undecided": "undecided"}
 _BOUNDS = {
     "stability": "stability",
     "magnitude": "|Z_h|",
@@ -52,14 +53,6 @@ def display(results: Results) -> Section:
         ],
         is_folded=True,
     )
-
-
-def _where(environment: str) -> Columns:
-    """Return the columns that name a display."""
-    return {
-        capitalised(environment): lambda row: row.environment or "a rigid wall",
-        "Displayed": lambda row: RENDERED[row.coupled],
-    }
 
 
 def _rendering(results: Results) -> Section:
@@ -83,53 +76,50 @@ def _rendering(results: Results) -> Section:
             stiffest = short(results.zwidth.likely.stiffest, 5)
             said += f" 95 % of the devices of its posterior render up to {stiffest} N/m."
         sentences.append(said)
-    columns = _where(words.environment) | {
-        "With every hand": lambda row: _RENDERS[row.verdict],
-        "damping needed (N·s/m)": of("needed_damping"),
-        "margin": of("margin", 3),
-        "binds at ω (rad/s)": of("binding_omega"),
-    }
+    columns: Columns = {capitalised(words.environment): lambda name: name or "a rigid wall"}
+    for coupled in distinct(rows, "coupled"):
+        own = matching(rows, coupled=coupled)
+        way = ", coupled" if coupled else ""
+        cells = {
+            capitalised(RENDERED[coupled]): lambda row: _RENDERS[row.verdict],
+            f"needs (N·s/m){way}": of("needed_damping"),
+            f"margin{way}": of("margin", 3),
+            f"probability{way}": plus_minus("by_device.probability", "by_device.error"),
+        }
+        # Without delay and filter every row binds at Nyquist.
+        if len(distinct(rows, "binding_omega")) > 1:
+            cells[f"binds at ω (rad/s){way}"] = of("binding_omega")
+        columns |= {head: column(own, "environment", cell) for head, cell in cells.items()}
     caption = (
-        "Damping that a rigid device needs; margin: what this one dissipates over what is asked."
+        "Rendering with every hand, and the damping that a rigid device needs. Margin: what this"
+        " one dissipates over what is asked."
     )
     if rows[0].by_device:
-        columns["probability"] = plus_minus("by_device.probability", "by_device.error")
         caption += f" Probability over {rows[0].by_device.draws} devices of its posterior."
-    # Without delay and filter every row binds at Nyquist.
-    if len(distinct(rows, "binding_omega")) == 1 < len(rows):
-        del columns["binds at ω (rad/s)"]
-        caption += f" It binds at {short(rows[0].binding_omega, 5)} rad/s."
+    names = distinct(rows, "environment")
     if results.coupling:
         sentences.append(_eq10(results.coupling))
-    table = table_of(caption, rows, columns, name="rendering", csv="rendering")
+    table = table_of(caption, names, columns, name="rendering", csv="rendering")
     title = "What can be rendered with every hand"
-    return Section("rendering", title, sentences, [table, _effective(results)], ["stability"])
+    return Section("rendering", title, sentences, [table], ["stability"])
 
 
 def centrals(results: Results) -> Table:
-    """Return how probably what can be rendered lies in narrower central ranges."""
-    rows = [
-        row
-        for row in results.verdicts
-        if row.bayesian and is_rendered(results, row.environment, coupled=row.coupled)
-    ]
-    columns = _where(results.data.words.environment)
+    """Return how probably what can be rendered lies in other central ranges."""
+    rows = [row for row in judged_verdicts(results) if row.bayesian]
+    columns: Columns = {capitalised(results.data.words.environment): of("environment")}
     for index, one in enumerate(rows[0].bayesian.by_central if rows and rows[0].bayesian else ()):
         # The verdict's own share stands in the table above.
         if one.central != rows[0].central:
             columns[f"central {percent(one.central)}"] = _at_central(index)
-    caption = (
-        f"The same probability for other central shares of {results.data.words.users}, of what can"
-        " be rendered."
-    )
+    way = RENDERED[rows[0].coupled] if rows else ""
+    caption = f"The same probability {way}, for other central shares of {results.data.words.users}."
     return table_of(caption, rows, columns, name="centrals", csv="verdicts")
 
 
 def _at_central(index: int) -> Callable[[Verdict], Cell]:
     def cell(row: Verdict) -> Cell:
         probabilities = row.bayesian.by_central if row.bayesian else ()
-        if index >= len(probabilities):
-            return NOTHING
         return value(probabilities[index].probability, 3, "percent")
 
     return cell
@@ -158,33 +148,31 @@ def _verdicts(results: Results) -> Section:
 
 
 def _by_parts(results: Results) -> Table:
-    """Return probabilities and confidences, and those of each part alone."""
-    rows = results.verdicts
+    """Return how sure both methods are of what can be rendered, together and by parts."""
+    rows = judged_verdicts(results)
+    if not rows:
+        return Table()
     words = results.data.words
     columns: Columns = {
-        "Displayed": lambda row: f"{row.environment}, {'coupled' if row.coupled else 'directly'}"
+        capitalised(words.environment): of("environment"),
+        "Bayesian: |Z_h|": plus_minus("bayesian.magnitude", "bayesian.error"),
+        "k and b": of("bayesian.plane", 3, "percent"),
+        "at ω (rad/s)": of("bayesian.lowest_omega", 3),
+        "classical: k": of("classical.stiffness", 3, "percent"),
+        "b": of("classical.damping", 3, "percent"),
+        "|Z_h|": of("classical.magnitude", 3, "percent"),
+        "at ω, rad/s": of("classical.magnitude_omega", 3),
+        "all parts": plus_minus("classical.together", "classical.together_error"),
+        f"more {words.subjects}": _more,
     }
     caption = (
-        "Probability or confidence that what is displayed lies there by parts, at the least"
-        " favourable ω."
+        f"Probability or confidence that what is displayed {RENDERED[rows[0].coupled]} lies there"
+        " by parts, at the least favourable ω."
     )
-    if any(row.bayesian for row in rows):
-        columns |= {
-            "Bayesian: |Z_h|": plus_minus("bayesian.magnitude", "bayesian.error"),
-            "k and b": of("bayesian.plane", 3, "percent"),
-            "at ω (rad/s)": of("bayesian.lowest_omega", 3),
-        }
     if "posterior" in results.provenance.scene.get("device", {}):
         columns["and rendered"] = of("stable_and_real", 3, "percent")
         caption += " Each draw has a device of its own."
     if any(row.classical for row in rows):
-        columns |= {
-            "classical: k": of("classical.stiffness", 3, "percent"),
-            "b": of("classical.damping", 3, "percent"),
-            "|Z_h|": of("classical.magnitude", 3, "percent"),
-            "at ω, rad/s": of("classical.magnitude_omega", 3),
-            "all parts": plus_minus("classical.together", "classical.together_error"),
-        }
         refuted = (1.0 - rows[0].decision) / PARTS
         caption += (
             f" Each classical part decides by itself: all of them at {percent(rows[0].decision)} or"
@@ -194,7 +182,6 @@ def _by_parts(results: Results) -> Table:
         )
     needed = [row.more for row in rows if row.more]
     if needed:
-        columns[f"more {words.subjects}"] = _more
         sure = f"{needed[0].assurance:g}"
         caption += f" This many more {words.subjects} would decide, with probability {sure}."
     return table_of(caption, rows, columns, name="verdicts", csv="verdicts")
@@ -207,23 +194,6 @@ def _more(row: Verdict) -> Cell:
     if row.more.subjects is None:
         return ("> ", *value(row.more.most, style="count"))
     return value(row.more.subjects, style="count")
-
-
-def _effective(results: Results) -> Table:
-    """Return what references become through the coupling."""
-    coupling = results.coupling
-    if coupling is None:
-        return Table()
-    columns: Columns = {
-        capitalised(results.data.words.environment): of("environment"),
-        "stiffness (N/m)": of("effective_stiffness"),
-        "damping (N·s/m)": of("effective_damping"),
-    }
-    caption = (
-        f"What the references become through the coupling at {short(coupling.read_at, 5)} rad/s,"
-        " before hold and delay."
-    )
-    return table_of(caption, coupling.memberships, columns, csv="memberships")
 
 
 def _eq10(coupling: Coupling) -> str:
@@ -297,16 +267,17 @@ def _other_devices(results: Results) -> Table:
     others = results.sensitivity
     if others is None:
         return Table()
-    columns = _where(results.data.words.environment)
+    columns: Columns = {capitalised(results.data.words.environment): of("environment")}
     for index in range(1, len(others.mass)):
         changed, unit = (others.mass, "kg") if index < 3 else (others.damping, "N·s/m")
         columns[f"{short(changed[index], 4)} {unit}"] = _with_device(index)
     caption = (
         "Half and 1.5 times the device’s mass and damping: probability of lying among users"
-        f" ({METHOD_NAMES[others.method]}, {others.draws} draws or more). †: cannot be rendered"
-        " with every hand; what none of them renders is left out."
+        f" {RENDERED[others.coupled]} ({METHOD_NAMES[others.method]}, {others.draws} draws or"
+        " more). †: cannot be rendered with every hand; what none of them renders is left out."
     )
-    return table_of(caption, others.verdicts, columns, name="device")
+    rows = matching(others.verdicts, coupled=others.coupled)
+    return table_of(caption, rows, columns, name="device")
 
 
 def _with_device(index: int) -> Callable[[ChangedVerdict], Cell]:

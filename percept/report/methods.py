@@ -9,9 +9,9 @@ from functools import cache
 from importlib import resources
 
 from percept import __version__
-from percept.errors import counted
+from percept.errors import capitalised, counted
 from percept.inference.record import percent
-from percept.report.numbers import percentage, short
+from percept.report.numbers import listed, percentage, short
 from percept.report.sections import Section
 from percept.report.select import (
     KINDS,
@@ -19,7 +19,6 @@ from percept.report.select import (
     family_of,
     gives_means,
     is_relative,
-    listed,
     makes_impedance,
     matching,
     present,
@@ -77,24 +76,24 @@ def who_gave_what(results: Results) -> str:
     """Say who gave the data, of what, and how often."""
     data = results.data
     words = data.words
-    references = counted(data.references, words.environment, words.environments)
+    virtual = "virtual " if makes_impedance(results) else ""
+    references = counted(data.references, virtual + words.environment, virtual + words.environments)
     if data.form != "trials":
         return f"The data are published limits, or means and SDs, of {references}."
     who = f"{data.subjects} {'simulated ' if data.simulated else ''}{words.subjects}"
     what = listed([quantity.label for quantity in data.quantities.values()])
-    did = f"{words.verb} the {what} to the references of {references}"
-    if gives_means(results):
-        did = f"{words.verb} {what} in {references}"
-    elif makes_impedance(results):
-        did = f"{words.verb} the {what} of virtual {words.environments} to match {references}"
     within, groups = _design(results)
+    did = f"{words.verb} {what}"
+    if makes_impedance(results):
+        did = f"{words.verb} {what} to match {references}"
+    elif data.references > 1 or not within:
+        did += f" in {references}"
     at_each = f" at each of {within}" if within else ""
-    made_up = "".join(f" They were {group}." for group in groups)
-    return f"{who} {did}{at_each}{_repeats(results)}.{made_up}"
+    return f"{who} {did}{at_each}{_repeats(results)}.{''.join(groups)}"
 
 
 def _design(results: Results) -> tuple[str, list[str]]:
-    """Name the levels of factors within subjects, and the sizes of groups."""
+    """Name the levels of factors within subjects, and say how large groups are."""
     # Of several quantities the first has the same levels.
     every = matching(results.levels, parameter=results.data.parameters[0])
     within = []
@@ -110,8 +109,9 @@ def _design(results: Results) -> tuple[str, list[str]]:
             own = matching(every, factor=factor, level=row.level)
             values = zip(*(one.values for one in own), strict=True)
             count = sum(any(one is not None for one in of_subject) for of_subject in values)
-            sizes.append(f"{count} {row.level}")
-        groups.append(f"{listed(sizes)} ({factor})")
+            sizes.append(f"{row.level} {count}")
+        subjects = capitalised(results.data.words.subjects)
+        groups.append(f" {subjects} by {factor}: {', '.join(sizes)}.")
     return listed(within), groups
 
 
@@ -180,7 +180,8 @@ def _sampled(results: Results) -> Iterator[str]:
     if model["pooling"] == "partial":
         response = "logarithm of the ratio of adjustment to reference"
         if family_of(results) != "lognormal":
-            response = _deviation(results)
+            response = "value" if gives_means(results) else "deviation from the reference"
+            response += f" ({_scaled(results)})"
         yield (
             f"Bayesian intervals come from a hierarchical model of the {response}:"
             f" {model_words(results)}. All locations were integrated out exactly; the scales and"
@@ -314,33 +315,16 @@ def _device(results: Results) -> str:
     return said
 
 
-def _relative_labels(results: Results) -> list[str]:
-    """Name the quantities whose references are all positive."""
-    quantities = results.data.quantities.items()
-    return [one.label for name, one in quantities if is_relative(results.intervals, name)]
-
-
-def _deviation(results: Results) -> str:
-    """Say what the responses of the normal family are."""
+def _scaled(results: Results) -> str:
+    """Say in what the responses of the normal family are measured."""
     scales = results.provenance.scene["model"]["scale"]
-    quantities = results.data.quantities
-    relative = [
-        one.label for name, one in quantities.items() if is_relative(results.intervals, name)
-    ]
     parts = []
-    if relative:
-        which = f" ({' and '.join(relative)})" if len(relative) < len(quantities) else ""
-        parts.append(f"relative deviation of the adjustment from the reference{which}")
-    for name, quantity in quantities.items():
-        if is_relative(results.intervals, name) or name not in scales:
-            continue
-        which = f" of {quantity.label}" if len(quantities) > 1 else ""
-        size = quantity.amount(scales[name])
-        if quantity.is_matched:
-            parts.append(f"difference{which} between adjustment and reference in steps of {size}")
-        else:
-            parts.append(f"value{which} over {size}")
-    return " and ".join(parts)
+    for name, quantity in results.data.quantities.items():
+        size = quantity.amount(scales[name]) if name in scales else "its unit"
+        if is_relative(results.intervals, name):
+            size = "the reference"
+        parts.append(f"{quantity.label} over {size}")
+    return listed(parts)
 
 
 def model_words(results: Results) -> str:
@@ -380,12 +364,10 @@ def _trend(results: Results) -> str:
     """Say what joins the biases: no reference of zero or below has a logarithm."""
     trend = "a regression of bias on the logarithm of the reference"
     quantities = results.data.quantities
-    relative = [
-        one.label for name, one in quantities.items() if is_relative(results.intervals, name)
-    ]
+    relative = [q.label for name, q in quantities.items() if is_relative(results.intervals, name)]
     if len(relative) == len(quantities):
         return trend
-    return f"{trend} ({' and '.join(relative)}) or a common bias" if relative else "a common bias"
+    return f"{trend} ({listed(relative)}) or a common bias" if relative else "a common bias"
 
 
 @cache

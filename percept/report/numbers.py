@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -10,6 +12,8 @@ SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MULTIPLE = 9.0
 #: An upper limit over the lower one beyond which the two say nothing.
 _UNKNOWN = 1e10
+#: Environments that a sentence names; more are counted.
+MOST_NAMED = 5
 
 
 def rounded(value: float, digits: int = 5) -> str:
@@ -75,6 +79,8 @@ def written(value: float | None, digits: int = 5, style: str = "plain") -> str:
         return "–"
     if math.isinf(value):
         return rounded(value)
+    if style == "ratio":
+        return short(math.exp(value), digits)
     if style == "count":
         return f"{value:,}".replace(",", "\u202f")
     if style == "short":
@@ -96,3 +102,50 @@ def digits_of(value: float | None, lower: float | None, upper: float | None) -> 
     if not (0.0 < width < math.inf and 0.0 < size < math.inf):
         return 4
     return min(max(math.ceil(math.log10(size / (0.005 * width))), 2), 6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimated:
+    """An estimate and its limits as sentences have them: with digits and unit alike."""
+
+    estimate: float
+    lower: float
+    upper: float
+    unit: str = ""
+    style: str = "plain"
+    least_digits: int = 2
+
+    def text(self, number: float, style: str = "") -> str:
+        """Write a number with its unit."""
+        digits = max(digits_of(self.estimate, self.lower, self.upper), self.least_digits)
+        text = written(number, digits, style or self.style).replace("\u202f", " ")
+        return f"{text} {self.unit}".rstrip()
+
+    @property
+    def limits(self) -> str:
+        """Both limits; a unit that they share stands once."""
+        lower = self.text(self.lower)
+        upper = self.text(self.upper)
+        for unit in (" %", f" {self.unit}"):
+            if upper.endswith(unit):
+                lower = lower.removesuffix(unit)
+        return f"{lower} to {upper}"
+
+
+def listed(names: Sequence[str], most: int = 10**6) -> str:
+    """Join names with commas and a final "and"; count those beyond the first few."""
+    if len(names) > most:
+        names = [*names[:most], f"{len(names) - most} more"]
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def spanned(sizes: Sequence[float], texts: Sequence[str]) -> str:
+    """List sizes as they are written; of many the smallest and the largest, of equal ones one."""
+    if len(set(texts)) == 1:
+        return texts[0]
+    if len(texts) <= MOST_NAMED:
+        return listed(texts)
+    by_size = [text for _, text in sorted(zip(sizes, texts, strict=True))]
+    return f"{by_size[0]} to {by_size[-1]}"

@@ -162,18 +162,18 @@ def _display(results: Results, *, coupled: bool) -> Callable[[str], Cell]:
 
 def _caption(results: Results, bias: Bias) -> str:
     """Say what the columns are."""
-    users = results.data.words.users
+    words = results.data.words
     row = bias.row
-    what = f"Mean: of all {users}"
-    if bias.is_matched:
-        what = f"Bias: how far the average {results.data.words.user} is off the reference"
+    what = f"Bias of the average {words.user}"
+    if bias.style == "plain":
+        what = f"Mean of all {words.users}"
     method = f"{percent(row.level)}, {METHOD_NAMES[row.method]}, {row.family}"
     said = f"{what}, with its interval ({method})."
     if results.verdicts:
         verdict = results.verdicts[0]
         measure = "probability" if verdict.method == "bayesian" else "confidence"
         said += (
-            f" Real: among the central {percent(verdict.central)} of {users} at every ω, with"
-            f" {METHOD_NAMES[verdict.method]} {measure} of {percent(verdict.decision)} or more."
+            f" Real: with {percent(verdict.decision)} {METHOD_NAMES[verdict.method]} {measure}"
+            f" among the central {percent(verdict.central)} of {words.users} at every ω."
         )
     return said

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 from percept.report.numbers import digits_of, is_known, written
@@ -128,19 +129,23 @@ def estimate(record: Any, style: str = "plain", least: int = 2) -> Cell:
 
 
 def table_of(caption: str, rows: Iterable[Any], columns: Columns, **names: str) -> Table:
-    """Return a table with a row for each record or name, and a column for each head."""
+    """Return a table with a row for each record or name; columns of dashes do not appear."""
+    rows = list(rows)
+    cells = {head: [column(row) for row in rows] for head, column in columns.items()}
+    heads = [head for head, found in cells.items() if any(cell != NOTHING for cell in found)]
     lines = []
-    for row in rows:
-        cells = [column(row) for column in columns.values()]
-        lines.append([(cell,) if isinstance(cell, str) else cell for cell in cells])
-    return Table(caption, tuple(columns), lines, **names)
+    for index in range(len(rows)):
+        line = [cells[head][index] for head in heads]
+        lines.append([(cell,) if isinstance(cell, str) else cell for cell in line])
+    return Table(caption, heads, lines, **names)
 
 
 def column(
     records: Sequence[Any], down: str, cell: Callable[[Any], Cell | str]
-) -> Callable[[str], Cell | str]:
-    """Return what makes the cell of the record that has a row's name in a field."""
-    by_name = {getattr(record, down): record for record in reversed(records)}
+) -> Callable[[Any], Cell | str]:
+    """Return what makes the cell of the record that has a row's name in its field, or fields."""
+    name_of = attrgetter(*down.split())
+    by_name = {name_of(record): record for record in reversed(records)}
     return lambda name: cell(by_name[name]) if name in by_name else NOTHING
 
 

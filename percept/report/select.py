@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, TypeVar
 
+from percept.report.numbers import listed
 from percept.results import IntervalRow, Results
 from percept.sessions.quantities import IMPEDANCE
 
@@ -15,15 +16,8 @@ METHODS = ("classical", "bayesian")
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
 _UNWIDENED = ("marginal", "joint")
-#: Names that a sentence lists; more are counted.
-MOST_NAMED = 5
 #: Environments that stand open and in figures; tables have all of more.
 MOST_SHOWN = 10
-
-
-def kind_names(user: str, users: str) -> dict[str, str]:
-    """Name the kinds of interval in the study's word for users."""
-    return {"mean": f"average {user}", "user": f"next {user}", "share": f"share of {users}"}
 
 
 def makes_impedance(results: Results) -> bool:
@@ -89,15 +83,6 @@ def present(names: Iterable[str], records: Iterable[Any], field: str) -> list[st
     """Return the names that some record has, in their order."""
     found = {getattr(record, field) for record in records}
     return [name for name in names if name in found]
-
-
-def listed(names: Sequence[str], most: int = 10**6) -> str:
-    """Join names with commas and a final "and"; count those beyond the first few."""
-    if len(names) > most:
-        names = [*names[:most], f"{len(names) - most} more"]
-    if len(names) < 2:
-        return "".join(names)
-    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def first(records: Iterable[R], **preferred: Sequence[object]) -> R | None:

@@ -1,18 +1,27 @@
-"""The tables of a report as CSV: records as report.json has them, with all their digits."""
+"""The tables of a report as files: CSV of records with all digits; LaTeX and Word of the page."""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
+import html
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from percept.files import inert
+from percept.report.numbers import SUPERSCRIPT
+from percept.report.sections import Cell, Section, Table
 from percept.results import Results
+
+#: Fields of `Results` that are tables of their own.
+_CSV = (
+    "intervals", "boundaries", "band_pairs", "psychophysics", "equivalence",
+    "contrast", "anova", "verdicts", "rendering",
+)  # fmt: skip
 
 
 def csv_tables(results: Results) -> dict[str, str]:
@@ -30,58 +39,39 @@ def csv_tables(results: Results) -> dict[str, str]:
         report.json; a field of a record within a record as PART_FIELD. A table without rows is
         absent.
     """
-    tables: dict[str, Sequence[object]] = {
-        "intervals": results.intervals,
-        "data": results.data.cells,
-        "subjects": results.data.people,
-        "boundaries": results.boundaries,
-        "band": results.band.rows if results.band else (),
-        "band_pairs": results.band_pairs or (),
-        "psychophysics": results.psychophysics,
-        "equivalence": results.equivalence,
-        "contrast": results.contrast,
-        "anova": results.anova,
-        "memberships": results.coupling.memberships if results.coupling else (),
-        "verdicts": results.verdicts,
-        "rendering": results.rendering or (),
-    }
+    tables: dict[str, Sequence[object]] = {name: getattr(results, name) or () for name in _CSV}
+    tables["data"] = results.data.cells
+    tables["subjects"] = results.data.people
+    tables["band"] = results.band.rows if results.band else ()
+    tables["memberships"] = results.coupling.memberships if results.coupling else ()
     return {f"{name}.csv": _csv(records) for name, records in tables.items() if records}
 
 
-def _csv(records: Sequence[object]) -> str:
+def _csv(records: Sequence[Any]) -> str:
     """Write records; columns that only some of them have stand where they first come."""
-    rows = [dict(_flat(record)) for record in records]
+    rows = [dict(_flat(dataclasses.asdict(record))) for record in records]
     heads = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(heads)
+    writer = csv.DictWriter(text, heads, lineterminator="\n")
+    writer.writeheader()
     for row in rows:
-        curves = {name: one for name, one in row.items() if isinstance(one, np.ndarray)}
-        if not curves:
-            writer.writerow([_cell(row.get(name)) for name in heads])
-            continue
+        curves = {name: one.tolist() for name, one in row.items() if isinstance(one, np.ndarray)}
         cells = {name: _cell(one) for name, one in row.items() if name not in curves}
-        for point in zip(*(curve.tolist() for curve in curves.values()), strict=True):
-            numbers = dict(zip(curves, map(_cell, point), strict=True))
-            writer.writerow([(cells | numbers).get(name) for name in heads])
+        for point in list(zip(*curves.values(), strict=True)) or [()]:
+            writer.writerow(cells | dict(zip(curves, map(_cell, point), strict=True)))
     return text.getvalue()
 
 
-def _flat(record: Any, before: str = "") -> Iterator[tuple[str, Any]]:
-    """Give the fields of a record, and of records in it, by name."""
-    for field in dataclasses.fields(record):
-        value = getattr(record, field.name)
-        name = f"{before}{field.name}"
-        if isinstance(value, np.ndarray) and value.ndim > 1:
-            for index, curve in enumerate(value):
-                yield f"{name}_{index}", curve
-        elif dataclasses.is_dataclass(value):
-            yield from _flat(value, f"{name}_")
-        elif isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
-            for index, part in enumerate(value):
-                yield from _flat(part, f"{name}_{index}_")
-        else:
-            yield name, value
+def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Give the parts of a record by name, a row of a table of numbers or records as one part."""
+    is_table = isinstance(value, np.ndarray) and value.ndim > 1
+    if is_table or (isinstance(value, tuple) and value and isinstance(value[0], dict)):
+        value = {str(index): part for index, part in enumerate(value)}
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from _flat(part, f"{name}_{key}" if name else key)
+    else:
+        yield name, value
 
 
 def _cell(value: object) -> object:
@@ -93,3 +83,93 @@ def _cell(value: object) -> object:
     if isinstance(value, tuple):
         value = "; ".join(map(str, value))
     return inert(value) if isinstance(value, str) else value
+
+
+_TEX = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
+    "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "−": "$-$",
+    "×": r"$\times$", "∞": r"$\infty$", "·": r"$\cdot$", "²": "$^2$", "\u202f": r"\,",
+    "±": r"$\pm$", "<": "$<$", ">": "$>$", "|": "$|$", "σ": r"$\sigma$", "γ": r"$\gamma$",
+    "ε": r"$\varepsilon$", "η": r"$\eta$", "ω": r"$\omega$", "κ": r"$\kappa$", "†": r"$\dagger$",
+}  # fmt: skip
+_TEX_CHARACTERS = str.maketrans(_TEX)
+#: Digits that `rounded` writes above the line.
+_RAISED = {raised: f"$^{{{chr(plain)}}}$" for plain, raised in SUPERSCRIPT.items()}
+
+
+def paste_tables(sections: Iterable[Section], *, simulated: bool) -> dict[str, str]:
+    """Return the named tables of sections by file name.
+
+    Parameters
+    ----------
+    sections : iterable of Section
+        Of a page.
+    simulated : bool
+        Whether the data are simulated; captions then say so.
+
+    Returns
+    -------
+    dict of str to str
+        Each table as ``NAME.tex`` (needs booktabs) and as ``NAME.html``.
+    """
+    files = {}
+    for table in _named_tables(sections):
+        caption = f"{table.caption} Simulated data." if simulated else table.caption
+        rows = [list(table.heads), *([_text(cell) for cell in row] for row in table.rows)]
+        files[f"{table.name}.tex"] = _latex(caption, rows)
+        files[f"{table.name}.html"] = _word(caption, rows)
+    return files
+
+
+def _named_tables(sections: Iterable[Section]) -> Iterator[Table]:
+    """Give the tables that have a name, and more rows than one."""
+    for section in sections:
+        for table in section.tables:
+            if table.name and len(table.rows) > 1:
+                yield table
+        yield from _named_tables(section.parts)
+
+
+def _text(cell: Cell) -> str:
+    """Write a cell as on the page."""
+    return "".join(part if isinstance(part, str) else part.text for part in cell)
+
+
+def _latex(caption: str, rows: list[list[str]]) -> str:
+    """Write a table environment in booktabs' style; the first row has the heads."""
+    written = [rf"{' & '.join(map(_tex, row))} \\" for row in rows]
+    lines = [
+        r"\begin{table}",
+        rf"\caption{{{_tex(caption)}}}",
+        rf"\begin{{tabular}}{{l{'r' * (len(rows[0]) - 1)}}}",
+        r"\toprule",
+        written[0],
+        r"\midrule",
+        *written[1:],
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _tex(text: str) -> str:
+    """Write text for LaTeX; what would be a command there is text."""
+    written = text.translate(_TEX_CHARACTERS).translate(_RAISED)
+    # At the head of a row, a bracket or a star would belong to the line break before it.
+    return f"{{}}{written}" if written.startswith(("[", "*")) else written
+
+
+def _word(caption: str, rows: list[list[str]]) -> str:
+    """Write a page of one table, which word processors open as a table."""
+    lines = []
+    for index, row in enumerate(rows):
+        tag = "td" if index else "th"
+        cells = "".join(f"<{tag}>{html.escape(text)}</{tag}>" for text in row)
+        lines.append(f"<tr>{cells}</tr>")
+    title = html.escape(caption)
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        f"</head><body>\n<p>{title}</p>\n<table border>\n" + "\n".join(lines) + "\n</table>\n"
+        "</body></html>\n"
+    )

@@ -16,14 +16,6 @@ from percept.report.tables import csv_tables
 from percept.results import Beside, Results
 
 _FORMATS = ("svg", "pdf", "png")
-_TABLES = (
-    "intervals", "intervals_*", "data", "band", "band_*", "boundaries", "psychophysics",
-    "equivalence", "contrast", "anova", "memberships", "subjects", "overview",
-    "overview_other", "verdicts", "centrals", "rendering", "design", "device",
-)  # fmt: skip
-_FIGURES = (
-    "levels_*", "overview", "ratios", "boundaries_close", "stability", "design", "band", "band_*",
-)  # fmt: skip
 #: What a report may write and replace.
 REPORT_FILES = FolderFiles(
     "report.html",
@@ -32,8 +24,8 @@ REPORT_FILES = FolderFiles(
         "report.json",
         "references.bib",
         "posterior.nc",
-        *(f"tables/{name}.{form}" for name in _TABLES for form in ("csv", "tex", "html")),
-        *(f"figures/{name}.{form}" for name in _FIGURES for form in _FORMATS),
+        *(f"tables/*.{form}" for form in ("csv", "tex", "html")),
+        *(f"figures/*.{form}" for form in _FORMATS),
     ),
 )
 
@@ -106,7 +98,7 @@ def fill_report(
     # Matplotlib and Jinja2 are slow to import.
     from percept.report.methods import bibtex
     from percept.report.page import build_sections, render_page
-    from percept.report.paste import paste_tables
+    from percept.report.tables import paste_tables
 
     step = progress or (lambda _: None)
     step("writing tables")
@@ -114,7 +106,7 @@ def fill_report(
 
     def draw() -> dict[str, Plot]:
         from percept.report.figures import drawings
-        from percept.report.figures.output import draw_all
+        from percept.report.figures.canvas import draw_all
 
         step("drawing figures")
         return draw_all(drawings(results), folder / "figures", formats=formats)

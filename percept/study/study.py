@@ -255,11 +255,14 @@ class Study(Displayed):
             fill_report(folder, made, posterior=self._posterior_file, **options)
         return Path(directory) / "report.html"
 
-    def decide(self) -> tuple[str, ...]:
-        """Say what is so, how sure that is, and what to do next: a report's first sentences."""
+    def decide(self, **options: Any) -> tuple[str, ...]:
+        """Say what is so, how sure that is, and what to do next: a report's first sentences.
+
+        Options go to `results`.
+        """
         from percept.report.overview import decide
 
-        return tuple(decide(self.results()))
+        return tuple(decide(self.results(**options)))
 
     @property
     def coupling(self) -> Coupling:
@@ -325,17 +328,6 @@ class Study(Displayed):
         from percept.plots import plot_coupling
 
         return plot_coupling(self.coupling, ax=ax)
-
-    def plot_check(self, *, ax: Any = None) -> Any:
-        """Plot how far each subject lies from what the others predict.
-
-        In a model that holds, the probabilities of lying as far off are uniform. The shaded band
-        holds each ordered probability of independent subjects with probability 0.99.
-        """
-        from percept.plots import plot_check
-
-        loo = None if self.checks is None else self.checks.loo
-        return plot_check(None if loo is None else loo.subjects, ax=ax)
 
     def __repr__(self) -> str:
         adjusted = " and ".join(self.sessions.parameters)

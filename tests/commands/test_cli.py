@@ -106,12 +106,6 @@ def test_level_outside_its_range_is_wrong_usage(tmp_path, capsys):
     assert not out.exists()
 
 
-def test_missing_scene_is_named(capsys):
-    code, message = refused(["report", SESSIONS, "--scene", "nowhere.toml"], capsys)
-    assert code == 2
-    assert "nowhere.toml" in message
-
-
 def test_a_zoom_window_of_no_environment_is_refused_before_anything_is_fitted(tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text("[report.zoom]\nA = [9, 11]\nBB = [9, 11]\n")

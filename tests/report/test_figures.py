@@ -9,16 +9,16 @@ import pytest
 from matplotlib.figure import Figure
 
 from percept.report.figures import drawings
+from percept.report.figures.boundaries import curve_drawings
 from percept.report.figures.canvas import (
     COLOURS,
     WIDTH,
     Drawing,
+    drawn,
     log_scale,
     panels,
 )
-from percept.report.figures.curves import curve_drawings
 from percept.report.figures.intervals import overview_drawings
-from percept.report.figures.output import drawn
 from tests.documents import as_results
 
 SVG = "{http://www.w3.org/2000/svg}"

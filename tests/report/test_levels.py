@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from percept.report.figures.levels import level_drawings
-from percept.report.figures.output import drawn
+from percept.report.figures.canvas import drawn
+from percept.report.figures.intervals import level_drawings
 from percept.report.methods import who_gave_what
 from percept.report.sections import Plot
 from percept.report.select import distinct, matching
@@ -72,7 +72,7 @@ def test_differences_stand_in_the_unit_of_the_data():
     results = results_of(study(table, "normal"))
     (drawing,) = level_drawings(results)
     levels, differences = axes_of(drawing)
-    assert levels.get_ylabel() == "setting − reference (N/m)"
+    assert levels.get_ylabel() == "stiffness − reference (N/m)"
     assert differences.get_xlabel() == "difference (N/m)"
     reference = table["k_ref"].iloc[0]
     (row,) = [row for row in results.contrast if (row.of, row.kind) == ("bias", "mean")]
@@ -127,4 +127,4 @@ def test_groups_count_subjects_who_lack_references():
     far = dataclasses.replace(overall, environment="far", values=(None, 2.0, None))
     results = results_of(study(frame(9, levels=("left", "right", "both"))))
     made = dataclasses.replace(results, levels=(overall, near, far))
-    assert who_gave_what(made).endswith("They were 2 new (group).")
+    assert who_gave_what(made).endswith("Subjects by group: new 2.")

@@ -100,18 +100,20 @@ CLAIM = "(classical, 99 %)"
     [
         (
             [SOFT, HARD, NONE],
-            "too high in A (+50 %, +20 to +80 %) and too low in B (−13 %, −20 to −5 %)",
+            "above the reference in A (+50 %, +20 to +80 %) and below the reference in B (−13 %,"
+            " −20 to −5 %)",
         ),
         (
             [NONE, ("D", 9, 10, 11, 8, 12)],
             "with no clear bias in any of 2 environments; the largest is that of C (+1 %, −10 to"
             " +10 %)",
         ),
-        ([SOFT], "too high in A (+50 %, +20 to +80 %)"),
+        ([SOFT], "above the reference in A (+50 %, +20 to +80 %)"),
         ([NONE], "with no clear bias in C (+1 %, −10 to +10 %)"),
         (
             [SOFT, ("D", 1100, 2530, 4000, 5, 6)],
-            "too high in A (+50 %, +20 to +80 %) and D (253 times, 110 times to 400 times)",
+            "above the reference in A (+50 %, +20 to +80 %) and D (253 times, 110 times to 400"
+            " times)",
         ),
     ],
 )
@@ -143,11 +145,11 @@ def test_more_than_five_names_are_counted():
     rows = [(f"E{index}", 12, 15, 18, 5, 40) for index in range(6)]
     (said, *_) = setting_sentences(results([*rows, NONE]))
     assert said == (
-        "Users set stiffness too high in 6 of 7 environments, from E0 (+50 %, +20 to +80 %) to E5"
-        f" (+50 %, +20 to +80 %) {CLAIM}."
+        "Users set stiffness above the reference in 6 of 7 environments, from E0 (+50 %, +20 to"
+        f" +80 %) to E5 (+50 %, +20 to +80 %) {CLAIM}."
     )
     wider = setting_sentences(results([*rows[:5], ("E5", 12, 16, 18, 5, 40)]))[0]
-    assert "too high in all 6 environments, from E0 (+50 %" in wider
+    assert "above the reference in all 6 environments, from E0 (+50 %" in wider
     assert "to E5 (+60 %" in wider
 
 
@@ -177,7 +179,7 @@ def test_what_feels_real_is_said_through_the_coupling_with_probability():
     )
     assert feeling(direct) == "For A the data do not decide (20 %)."
     many = [felt(f"E{index}", 1.0 - 0.004 * index) for index in range(7)]
-    assert feeling(*many).startswith("all 7 walls feel real (98 % to > 99 %)")
+    assert feeling(*many).startswith("All 7 feel real (98 % to > 99 %)")
 
 
 def test_rounding_puts_no_probability_on_the_other_side_of_the_decision():
@@ -199,16 +201,13 @@ def test_a_verdict_that_leans_on_a_doubtful_row_is_said_with_the_verdict_without
     doubts = (row, Note("twice", "w.csv", 30))
     found = dataclasses.replace(found, data=dataclasses.replace(found.data, doubts=doubts))
     assert cautions(found) == [
-        "The verdict on A leans on row 27 of w.csv: k = 6400 of subject 'S9', where …."
-        " Without that row A feels real (98 %).",
+        "The verdict on A leans on row 27 of w.csv. Without that row A feels real (98 %).",
         "w.csv:30: twice.",
     ]
     unnamed = dataclasses.replace(row, file="", row=None)
     leaning = Leaning(rows=(unnamed,) * 2, without=None)
     (said,) = doubtful_verdicts(judged([dataclasses.replace(felt("A", 0.6), leaning=leaning)]))
-    assert said.endswith(
-        "and a trial: k = 6400 of subject 'S9', where …. Without those rows there is no verdict."
-    )
+    assert said.endswith("'S9', where …. Without those rows there is no verdict.")
 
 
 def test_both_methods_are_named_where_they_disagree():
@@ -305,7 +304,7 @@ def test_without_a_device_the_next_user_s_range_is_said():
     assert (
         said[-1]
         == "With 99 % confidence, the next user’s stiffness will be 0.6 to 1.2 times the reference"
-        " (B, the narrowest) and 0.5 to 4 times the reference (A, the widest)."
+        " in B, the narrowest range, and 0.5 to 4 times the reference in A, the widest."
     )
 
 
@@ -317,8 +316,13 @@ def test_narrow_ranges_of_the_next_user_are_told_apart():
 @pytest.mark.parametrize(
     ("reference", "ends", "said", "user"),
     [
-        (-6.0, (-8, -7.19, -6.5, -9, -5), "too low in A (−1.19 N/m, ", "−3 to +1 N/m off"),
-        (-6.0, (-5.5, -5, -4, -7, -1), "too high in A (+1 N/m, ", "−1 to +5 N/m off"),
+        (
+            -6.0,
+            (-8, -7.19, -6.5, -9, -5),
+            "below the reference in A (−1.19 N/m, ",
+            "−3 to +1 N/m off",
+        ),
+        (-6.0, (-5.5, -5, -4, -7, -1), "above the reference in A (+1 N/m, ", "−1 to +5 N/m off"),
         (0.0, (1, 2, 3, 0.5, 4), "above zero in A (+2 N/m, +1 to +3 N/m)", "+0.5 to +4 N/m in A."),
     ],
 )
@@ -337,8 +341,8 @@ def test_one_zero_reference_puts_the_whole_quantity_in_its_unit():
     made = results([SOFT, ("D", 9, 11, 13, 5, 20)], references=(10.0, 0.0))
     assert [bias.relative for bias in biases_of(made)] == [False, False]
     assert setting_sentences(made)[0] == (
-        "Users set stiffness too high in A (+5 N/m, +2 to +8 N/m) and D (+11 N/m, +9 to +13 N/m)"
-        f" {CLAIM}."
+        "Users set stiffness above the reference in A (+5 N/m, +2 to +8 N/m) and D (+11 N/m, +9 to"
+        f" +13 N/m) {CLAIM}."
     )
 
 
@@ -384,7 +388,7 @@ def test_digits_end_near_a_hundredth_of_the_half_width(value, limits, digits):
             [None, 1],
             "To decide W1, about 1 more user. W0 would take more than 1,000 users.",
         ),
-        ([9, 34, 3, 4, 5, 6], "To decide each of 6 walls, about 3 to 34 more users."),
+        ([9, 34, 3, 4, 5, 6], "To decide 6 walls, about 3 to 34 more users."),
     ],
 )
 def test_an_undecided_verdict_says_how_many_more_subjects_decide(counts, said):
@@ -407,7 +411,7 @@ def test_what_the_data_do_not_determine_is_said_without_its_numbers():
     wide = ("wide", 1e-3, 12.0, 1e5, 1e-6, 1e8)
     said = setting_sentences(results([SOFT, HARD, wide]))[-1]
     assert said.endswith(
-        " to 4 times the reference (A, the widest). These data do not determine the next user’s"
+        " to 4 times the reference in A, the widest. These data do not determine the next user’s"
         " stiffness in wide."
     )
     of_two = setting_sentences(results([SOFT, wide]))[-1]
@@ -430,7 +434,9 @@ def test_each_of_three_quantities_has_its_sentences_and_its_name_in_the_title():
     assert len(said) == 6
     assert len(decide(three)) == 3
     for label in ("stiffness", "damping", "mass"):
-        assert any(sentence.startswith(f"Users set {label} too high") for sentence in said)
+        assert any(
+            sentence.startswith(f"Users set {label} above the reference") for sentence in said
+        )
         assert any(f"next user’s {label} will" in sentence for sentence in said)
     assert title_of(three) == "Intervals of stiffness, damping and mass"
 
@@ -444,10 +450,10 @@ def test_where_nothing_was_matched_sentences_give_means():
     data = dataclasses.replace(found.data, quantities=quantities)
     said = setting_sentences(dataclasses.replace(found, data=data))
     assert said == [
-        "Users set a mean stiffness of 2 N/m (1 to 3 N/m) in A and 6 N/m (5 to 7 N/m) in B"
+        "Mean stiffness by environment: A (2 N/m, 1 to 3 N/m) and B (6 N/m, 5 to 7 N/m)"
         " (classical, 99 %).",
-        "With 99 % confidence, the next user’s stiffness will be 4 to 8 N/m (B, the narrowest)"
-        " and −0.5 to 4 N/m (A, the widest).",
+        "With 99 % confidence, the next user’s stiffness will be 4 to 8 N/m in B, the narrowest"
+        " range, and −0.5 to 4 N/m in A, the widest.",
     ]
 
 

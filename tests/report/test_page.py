@@ -12,9 +12,8 @@ import pytest
 
 from percept import Study, read_sessions
 from percept.cli import main
-from percept.report.numbers import written
+from percept.report.numbers import listed, written
 from percept.report.sections import Plot
-from percept.report.select import listed
 from percept.sessions import Sessions
 from tests.documents import build_document, page_of, parts_of, sections_of
 from tests.fits import SHARED
@@ -96,6 +95,7 @@ def test_every_number_is_one_of_report_json_or_a_bias_of_it(read, both):
         value = float(exact) if re.search(r"[.e]|inf", exact) else int(exact)
         assert value in known, exact
         styles = [one for one in STYLES if one[0] != "count" or isinstance(value, int)]
+        styles += [("ratio", 3)] if abs(value) < 100 else []  # Of a logarithm
         assert text in {written(value, digits, style) for style, digits in styles}, exact
 
 
@@ -113,10 +113,6 @@ def test_nothing_is_fetched_and_files_it_names_stand_beside_it(report, page, rea
             assert beside or attributes.get(name, "#").startswith(("#", "data:")), (tag, attributes)
     assert "@import" not in page
     assert not re.search(r"url\((?!#)", page)
-
-
-def test_it_is_small_enough_to_mail(report):
-    assert (report / "report.html").stat().st_size < 3e6
 
 
 def test_ids_are_unique_and_links_lead_somewhere(read):
@@ -177,13 +173,6 @@ def test_hostile_names_appear_as_text(classical):
     assert page.count("</script>") == 2
     assert "".join(read.text).count(HOSTILE) >= 8
     assert "49" not in [cell["bare"] for cell in read.cells]
-
-
-def test_it_says_how_couplings_and_other_devices_are_judged(read):
-    text = " ".join("".join(read.text).split())
-    assert "Softest and stiffest admissible coupling, confirmed at every ω" in text
-    assert "Half and 1.5 times the device’s mass and damping" in text
-    assert text.count("paper’s rule") == 1
 
 
 def test_nothing_that_cannot_be_rendered_is_called_real(both, read):
@@ -263,9 +252,9 @@ def test_tables_of_one_row_are_sentences(both):
     document["summary"] = None
     document["rendering"] = document["rendering"][:1]
     page = page_of(document)
-    said = page[page.index("Damping that a rigid device needs") :].partition("</p>")[0]
+    said = page[page.index("the damping that a rigid device needs") :].partition("</p>")[0]
     assert "<table" not in said
-    assert "Displayed: directly; With every hand: " in said
+    assert "Directly: yes; needs (N·s/m): " in said
     assert f'<data value="{document["rendering"][0]["margin"]}">' in said
 
 
@@ -304,7 +293,7 @@ def said_of(sessions):
 def test_one_environment_is_spoken_of_as_one():
     whole = read_sessions(DATASETS / "hbfd_sessions.csv").table
     one = said_of(Sessions.from_frame(whole[whole["environment"] == "VE1"]))
-    assert one.count("virtual environments to match 1 environment, once each.") == 2
+    assert one.count("to match 1 virtual environment, once each.") == 2
     assert re.search(r"Intervals\W+1\W+were derived with percept", one)
     assert "boundaries were derived" not in one
 
@@ -315,7 +304,7 @@ def test_trials_sessions_and_cells_not_tried_are_told():
     again[["k_adj", "b_adj"]] *= 1.01
     said = said_of(Sessions.from_frame(pd.concat([whole.iloc[1:], again])))
     told = "in 1 to 2 trials each over 1 to 2 sessions (1 of 50 cells are empty)"
-    assert said.count(f"virtual environments to match 5 environments, {told}.") == 2
+    assert said.count(f"to match 5 virtual environments, {told}.") == 2
     assert "each equal-tailed; each subject counts once, by the mean of the trials." in said
     assert "1 cell has no trial: " in said[said.index("Before you rely on it") :]
 
@@ -424,43 +413,31 @@ def words_of(document):
 
 
 @pytest.mark.parametrize(
-    ("hold", "said"), [(None, "an averaging hold"), ("true", "the true zero-order hold")]
+    ("device", "said"),
+    [
+        ({}, "an averaging hold at a sampling period of 0.001 s for a device of 1 kg"),
+        ({"hold": "true"}, "the true zero-order hold at a sampling period of 0.001 s"),
+        ({"delay": 1.5}, "with a loop delay of 1.5 samples for a device"),
+        ({"delay_seconds": 0.002}, "with a loop delay of 0.002 s for a device"),
+        (
+            {"velocity_filter": {"cutoff": 300.0, "order": 2}},
+            "behind a Butterworth filter of 300 rad/s and order 2",
+        ),
+    ],
 )
-def test_the_hold_and_the_share_are_in_words_of_the_methods(classical, hold, said):
+def test_the_loop_is_in_words_of_the_methods(classical, device, said):
     document = copy.deepcopy(classical)
-    scene = document["provenance"]["scene"]
-    scene["inference"]["share"] = 0.75
-    if hold:
-        scene["device"]["hold"] = hold
+    document["provenance"]["scene"]["device"] |= device
+    document["provenance"]["scene"]["inference"]["share"] = 0.75
     words = words_of(document)
-    assert f"{said} at a sampling period of 0.001 s" in words
+    assert said in words
     assert "limits of a share of users hold 75 % of them with confidence 95 %" in words
-
-
-@pytest.mark.parametrize(
-    ("key", "delay", "said"),
-    [("delay", 1.5, "delay of 1.5 samples"), ("delay_seconds", 0.002, "delay of 0.002 s")],
-)
-def test_the_delay_is_in_words_of_the_methods(classical, key, delay, said):
-    document = copy.deepcopy(classical)
-    assert "loop delay" not in words_of(document)
-    document["provenance"]["scene"]["device"][key] = delay
-    assert f"with a loop {said} for a device" in words_of(document)
-
-
-def test_the_velocity_filter_is_in_words_of_the_methods(classical):
-    document = copy.deepcopy(classical)
-    filtered = {"cutoff": 300.0, "order": 2}
-    document["provenance"]["scene"]["device"]["velocity_filter"] = filtered
-    words = words_of(document)
-    assert "behind a Butterworth filter of 300 rad/s and order 2" in words
 
 
 @pytest.mark.parametrize(
     "noun",
     [
         "{{ cycler.__init__.__globals__.os.popen('id > owned.txt').read() }}",
-        "{{ 6*7 }}",
         "R&D {# room",
         "<script>owned()</script>",
     ],
@@ -487,14 +464,3 @@ def test_the_policy_names_the_script_by_its_digest(classical):
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}';" in policy
     assert "default-src 'none'" in policy
-
-
-def test_the_band_s_question_is_answered_first(both):
-    page = page_of(both)
-    section = page[page.index('<section id="band"') :].partition("</section>")[0]
-    answer = section[section.index("Relative to the size, ") :].partition("</p>")[0]
-    assert "discrimination is" in answer
-    rows = [row for row in both["band"]["rows"] if row["method"] == "bayesian"]
-    lowest = min(rows, key=lambda row: row["impedance"])
-    assert written(lowest["relative"], 2, "percent") in answer
-    assert "The probability that it is narrower in VE1 is" in answer

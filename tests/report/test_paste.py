@@ -12,7 +12,7 @@ from percept.report.decisions import feeling_sentences
 from percept.report.methods import methods_paragraph, model_words
 from percept.report.overview import findings, setting_sentences
 from percept.report.page import build_sections
-from percept.report.paste import paste_tables
+from percept.report.tables import paste_tables
 from tests import DATASETS
 from tests.documents import EMPTY, as_results, page_of_results
 
@@ -122,7 +122,7 @@ def test_a_study_without_intervals_has_no_tables_and_no_paragraph():
 def test_the_paragraph_has_the_sentences_of_the_page(both):
     results = as_results(both)
     said = findings(results).paragraph
-    assert said.startswith("These results are of simulated data. Users set stiffness too high in")
+    assert said.startswith("These results are of simulated data. Users set stiffness above the")
     assert said.endswith(" ".join([*setting_sentences(results), *feeling_sentences(results)]))
 
 
@@ -150,4 +150,4 @@ def test_methods_of_zero_references_speak_of_no_logarithm(offsets):
 def test_what_is_above_zero_is_not_called_too_high(offsets):
     said = findings(offsets)
     assert "set offset above zero in " in said.sentences[0]
-    assert "too high" not in said.paragraph
+    assert "the reference in" not in said.paragraph

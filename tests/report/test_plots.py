@@ -4,7 +4,6 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from scipy import stats
 
 from percept import RefusalError, Scene, Sessions, Study, UsageError, read_sessions
 from tests import DATASETS
@@ -89,21 +88,6 @@ def test_the_band_is_drawn_at_its_impedances(both_study, ax):
         both_study.plot_band("x", ax=ax)
 
 
-def test_a_check_is_drawn_with_the_band_of_uniform_order_statistics(both_study, ax):
-    assert both_study.plot_check(ax=ax) is ax
-    points = next(line for line in ax.lines if line.get_label() == "subjects")
-    far = [check.farther for check in both_study.checks.loo.subjects]
-    np.testing.assert_array_equal(points.get_ydata(), np.sort(far))
-    (band,) = ax.collections
-    (path,) = band.get_paths()
-    count = len(far)
-    for rank in range(1, count + 1):
-        ends = {y for x, y in path.vertices if x == rank / (count + 1)}
-        # The r-th smallest of n lies below x where at least r of them do.
-        below = sorted(stats.binom.sf(rank - 1, count, y) for y in ends)
-        np.testing.assert_allclose(below, [0.005, 0.995], rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("plot", "message"),
     [
@@ -112,9 +96,8 @@ def test_a_check_is_drawn_with_the_band_of_uniform_order_statistics(both_study, 
             r"the study has no boundary\. study\.skipped says why",
         ),
         (lambda study: study.plot_coupling(), "there is no coupling: the scene has no"),
-        (lambda study: study.plot_check(), "the study has no check of a hierarchical model"),
     ],
-    ids=["boundary", "coupling", "check"],
+    ids=["boundary", "coupling"],
 )
 def test_what_is_not_there_is_refused(bare, plot, message):
     with pytest.raises(RefusalError, match=message):
@@ -177,7 +160,6 @@ def test_what_is_drawn_shows_in_the_reader_s_style(both_study, style):
             (both_study.plot_boundary, (environment,)),
             (both_study.plot_band, ()),
             (both_study.plot_coupling, ()),
-            (both_study.plot_check, ()),
         ):
             ax = Figure().add_subplot()
             plot(*words, ax=ax)

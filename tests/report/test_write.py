@@ -73,14 +73,6 @@ def test_a_refusal_leaves_nothing_behind(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_in_the_folder_s_place_is_left_alone(quick, tmp_path):
-    (tmp_path / "out").write_text("mine")
-    with pytest.raises(UsageError, match="folder is needed") as caught:
-        quick.report(tmp_path / "out")
-    assert caught.value.file == str(tmp_path / "out")
-    assert (tmp_path / "out").read_text() == "mine"
-
-
 def test_a_folder_of_other_files_is_refused_before_anything_is_computed(quick, tmp_path):
     mine = tmp_path / "out" / "references.bib"
     mine.parent.mkdir()
@@ -128,25 +120,6 @@ def test_steps_are_told(quick, tmp_path):
     ]
 
 
-def test_what_stands_in_the_way_is_refused_before_the_first_move(quick, tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / ".percept").write_text("")
-    (out / "tables").write_text("mine")
-    with pytest.raises(
-        UsageError, match=r"tables: a folder is needed here, and this is a file\. Rename it"
-    ):
-        quick.report(out)
-    assert sorted(path.name for path in out.iterdir()) == [".percept", "tables"]
-    (out / "tables").unlink()
-    (out / "report.json").mkdir()
-    with pytest.raises(
-        UsageError, match=r"report\.json: a file is needed here, and this is a folder"
-    ):
-        quick.report(out)
-    assert sorted(path.name for path in out.iterdir()) == [".percept", "report.json"]
-
-
 def test_a_report_made_again_from_its_json_is_the_same_to_the_byte(report, tmp_path, capsys):
     words = ["report", "--from", str(report / "report.json"), "--out", str(tmp_path / "again")]
     assert main([*words, "--formats", "svg"]) == 0
@@ -167,18 +140,29 @@ def test_the_answer_alone_and_the_page_in_a_browser(report, classical, classical
     browser = tmp_path / "browser"
     browser.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/opened\n')
     browser.chmod(0o755)
-    words = ["report", "--from", str(report / "report.json"), "--out", str(tmp_path / "out")]
-    ran = subprocess.run(
-        [sys.executable, "-m", "percept", *words, "--short", "--open"],
-        env={**os.environ, "BROWSER": f"{browser} %s"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    (line,) = ran.stdout.splitlines()
+
+    def lines_of(*words):
+        ran = subprocess.run(
+            [sys.executable, "-m", "percept", "report", "--short", *words],
+            env={**os.environ, "BROWSER": f"{browser} %s", "PYTHONPATH": str(DATASETS.parent)},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return ran.stdout.splitlines()
+
+    again = ["--from", str(report / "report.json")]
+    (line,) = lines_of(*again)
     assert line.startswith("Through this coupling, only VE1 and VE2 can be rendered with every")
+    assert {path.name for path in tmp_path.iterdir()} == {"browser"}
+    assert lines_of(*again, "--out", str(tmp_path / "out"), "--open") == [line]
     page = tmp_path / "out" / "report.html"
     assert (tmp_path / "opened").read_text().strip() == page.resolve().as_uri()
+    data = str(DATASETS / "sleep.csv")
+    words = [data, "--scene", str(DATASETS / "sleep.toml"), "--method", "classical", "--quiet"]
+    assert lines_of(*words)[0].startswith("The gain of sleep is 1.58 h larger for drug second than")
+    assert not (tmp_path / "report").exists()
     assert list(classical_study.decide()) == classical["summary"]["sentences"]
 
 

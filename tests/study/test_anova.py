@@ -131,8 +131,8 @@ def test_the_methods_paragraph_is_written_from_the_design():
     page = page_of(build_document(made, curves=False))
     text = re.sub("<[^>]*>", "", page[page.index('id="paragraph"') :]).split("BibTeX")[0]
     text = " ".join(text.split())
-    assert "to match 3 environments at each of 2 levels of hand and 2 levels of load, in 2" in text
-    assert "They were 4 novice and 4 expert (group)." in text
+    assert "3 virtual environments at each of 2 levels of hand and 2 levels of load, in 2" in text
+    assert "by group: novice 4, expert 4." in text
     assert "are empty" not in text
     assert "Covariates" not in text  # The classical methods leave it out
     assert "within each subject, and their spreads by Pitman’s and Morgan’s test; groups by" in text

@@ -163,12 +163,18 @@ def test_slopes_that_the_classical_method_lacks_are_named():
 @pytest.mark.parametrize(
     ("together", "said"),
     [
-        (None, "The stiffness is 1.5 times as large for right as for left (95 %: 1.2 to 1.9)."),
-        ((1.1, 2.0), "The stiffness is 1.5 times as large for right as for left (95 %: 1.2 to"),
+        (
+            None,
+            "The stiffness is 1.5 times as large for hand right as for left (95 %: 1.2 to 1.9).",
+        ),
+        (
+            (1.1, 2.0),
+            "The stiffness is 1.5 times as large for hand right as for left (95 %: 1.2 to",
+        ),
         (
             (0.9, 2.2),
-            "Right and left do not differ clearly in the stiffness: 1.5 times"
-            " (95 %, together: 0.9 to 2.2).",
+            "The stiffness does not differ clearly between hand right and left: 1.5 times (95 %,"
+            " together: 0.9 to 2.2).",
         ),
     ],
 )
@@ -190,8 +196,8 @@ def test_a_contrast_whose_joint_limits_hold_none_is_not_clear(together, said):
 @pytest.mark.parametrize(
     ("references", "said"),
     [
-        ((1000.0,), "100 N/m larger for right than for left (95 %: +50 to +150 N/m)."),
-        ((10.0, 1000.0), "10 % of the reference larger for right than for left (95 %: +5"),
+        ((1000.0,), "100 N/m larger for hand right than for left (95 %: +50 to +150 N/m)."),
+        ((10.0, 1000.0), "10 % of the reference larger for hand right than for left (95 %: +5"),
     ],
 )
 def test_differences_are_in_the_unit_of_the_data(references, said):

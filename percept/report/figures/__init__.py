@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from percept.report.figures.band import band_drawings
+from percept.report.figures.boundaries import band_drawings, curve_drawings
 from percept.report.figures.canvas import Drawing
 from percept.report.figures.couplings import design_drawings, stability_drawings
-from percept.report.figures.curves import curve_drawings
-from percept.report.figures.intervals import overview_drawings
-from percept.report.figures.levels import level_drawings
+from percept.report.figures.intervals import level_drawings, overview_drawings
 from percept.results import Results
 
 

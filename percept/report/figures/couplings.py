@@ -16,7 +16,6 @@ from percept.report.figures.canvas import (
     panels,
     shortened,
 )
-from percept.report.figures.curves import draw_stability
 from percept.report.select import METHOD_NAMES
 from percept.results import (
     Coupling,
@@ -29,16 +28,15 @@ from percept.results import (
 SHADES = (0.05, 0.25, 0.5, 0.75)
 #: Opacity of one shade: they add up where one lies on another.
 _SHADE_ALPHA = 0.16
-_LIKELY = 0.5  # the probability of the dashed line
 _KILO = 1e3  # N/m in kN/m
 _ROOM = 1.3  # factor on what a logarithmic axis has to show
 _LINEAR_ROOM = 1.05
 _LEAST_SPAN = 10.0  # of a logarithmic axis
 _FILL_ALPHA = 0.15
 _MIDDLE = 0.5  # of the axes
-_MOST_COLUMNS = 2  # panels side by side
+_MOST_WIDE = 4  # panels two side by side; more stand three by three
 _TITLE = 26  # letters
-_PANEL_HEIGHT = 46.0  # mm, with its labels
+_PANEL_HEIGHT = 40.0  # mm, with its labels
 _LEGEND_HEIGHT = 12.0  # mm
 
 
@@ -64,36 +62,26 @@ def draw_couplings(
     """
     stiffness = couplings.stiffness / _KILO
     lines = np.broadcast_to(couplings.damping[:, None], stiffness.shape)
-    probability = couplings.probability
+    shown = (stiffness, lines, couplings.probability)
     colour = COLOURS["coupled"]
     if couplings.limited:
         ax.plot(
             stiffness[:, -1], couplings.damping, color=COLOURS["quiet"], linewidth=0.8,
             label="edge of what can be rendered",
         )  # fmt: skip
+    most = float(couplings.probability.max())
     for least in (*SHADES, decision):
-        if probability.max() > least:
-            ax.contourf(
-                stiffness, lines, probability, levels=[least, 1.1], colors=[colour],
-                alpha=_SHADE_ALPHA,
-            )  # fmt: skip
-    for least, dashes in ((_LIKELY, (0, (3, 2))), (decision, "solid")):
-        # A line of the legend also where this map has none.
-        ax.plot(
-            [], [], label=f"{percent(least)} probability", color=colour, linestyle=dashes,
-            linewidth=0.9,
-        )  # fmt: skip
-        if probability.min() < least < probability.max():
-            ax.contour(
-                stiffness, lines, probability, levels=[least], colors=[colour], linestyles=[dashes],
-                linewidths=0.9,
-            )  # fmt: skip
+        if most > least:
+            ax.contourf(*shown, levels=[least, 1.1], colors=[colour], alpha=_SHADE_ALPHA)
+    # A line of the legend also where this map has none.
+    ax.plot([], [], label=f"{percent(decision)} probability", color=colour, linewidth=0.9)
+    if couplings.probability.min() < decision < most:
+        ax.contour(*shown, levels=[decision], colors=[colour], linewidths=0.9)
     for end in (couplings.stiffest, couplings.softest):
         if end is not None:
-            ax.plot(
-                [end.stiffness / _KILO], [end.damping], "o", markersize=3.5, color=colour,
-                label="stiffest and softest that feel real",
-            )  # fmt: skip
+            label = "stiffest and softest that feel real"
+            place = ([end.stiffness / _KILO], [end.damping])
+            ax.plot(*place, "o", markersize=3.5, color=colour, label=label)
     ends = [float(stiffness.min()), float(stiffness.max())]
     top = float(couplings.damping[-1])
     if used is not None:
@@ -119,16 +107,20 @@ def design_drawings(results: Results) -> list[Drawing]:
             regions.append(region)
     if design is None or not regions:
         return []
-    columns = min(len(regions), _MOST_COLUMNS)
+    columns = min(len(regions), 2 if len(regions) <= _MOST_WIDE else 3)
     coupling = results.provenance.scene.get("coupling")
     used = (coupling["stiffness"], coupling["damping"]) if coupling else None
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(regions), columns=columns)
         titles = shortened([region.name or "all together" for region in regions], _TITLE)
-        for ax, region, title in zip(axes, regions, titles, strict=True):
+        for index, (ax, region) in enumerate(zip(axes, regions, strict=True)):
             draw_couplings(ax, region, decision=design.decision, used=used)
-            ax.set_title(title)
+            ax.set_title(titles[index])
+            if index % columns:
+                ax.set_ylabel("")
+            if index < len(regions) - columns:
+                ax.set_xlabel("")
         legend(axes, ncols=2)
 
     shades = ", ".join(f"{100 * shade:.0f}" for shade in SHADES)
@@ -163,22 +155,25 @@ def draw_zwidth(ax: Axes, width: ZWidth) -> None:
     top = _LINEAR_ROOM * width.edge.most_damping or 1.0
     left, bottom = 0.0, 0.0
     if walls:
-        right = max(right, _ROOM * max(wall.stiffness for wall in walls) / _KILO)
-        top = max(top, _ROOM * max(wall.damping for wall in walls))
-        left = min(min(wall.stiffness for wall in walls) / _KILO / _ROOM, right / _LEAST_SPAN)
-        bottom = min(min(wall.damping for wall in walls) / _ROOM, top / _LEAST_SPAN)
-    stiffness = np.maximum(width.edge.stiffness / _KILO, left)
-    colour = COLOURS["coupled"]
-    # Down to both axes.
-    corners = (np.append(stiffness, left), np.append(width.edge.damping, 0.0))
-    ax.fill(*corners, color=colour, alpha=_FILL_ALPHA, linewidth=0)
-    ax.plot(stiffness, width.edge.damping, color=colour, label="rendered with every hand")
-    if width.likely is not None:
-        ax.plot(
-            np.maximum(width.likely.stiffness / _KILO, left), width.likely.damping,
-            color=COLOURS["ink"], linestyle="--", linewidth=0.8,
-            label="rendered by 95 % of likely devices",
-        )  # fmt: skip
+        stiffness = [wall.stiffness / _KILO for wall in walls]
+        damping = [wall.damping for wall in walls]
+        right = max(right, _ROOM * max(stiffness))
+        top = max(top, _ROOM * max(damping))
+        left = min(min(stiffness) / _ROOM, right / _LEAST_SPAN)
+        bottom = min(min(damping) / _ROOM, top / _LEAST_SPAN)
+    edges = (
+        (width.edge, "coupled", "-", "rendered with every hand"),
+        (width.likely, "ink", "--", "rendered by 95 % of likely devices"),
+    )
+    for edge, name, dashes, label in edges:
+        if edge is None:
+            continue
+        # Down to both axes.
+        across = np.append(np.maximum(edge.stiffness / _KILO, left), left)
+        up = np.append(edge.damping, 0.0)
+        ax.plot(across, up, color=COLOURS[name], linestyle=dashes, label=label)
+        if edge is width.edge:
+            ax.fill(across, up, color=COLOURS[name], alpha=_FILL_ALPHA, linewidth=0)
     ax.set_xlim(left, right)
     ax.set_ylim(bottom, top)
     if walls:
@@ -187,14 +182,40 @@ def draw_zwidth(ax: Axes, width: ZWidth) -> None:
         place = (wall.stiffness / _KILO, wall.damping)
         ax.plot(*place, "o", markersize=3, color=COLOURS["ink"])
         # On the side that has room.
-        across, _ = (ax.transData - ax.transAxes).transform(place)
-        side = "left" if across < _MIDDLE else "right"
+        is_left = (ax.transData - ax.transAxes).transform(place)[0] < _MIDDLE
         ax.annotate(
-            wall.environment, place, xytext=(4 if side == "left" else -4, 3), ha=side,
-            textcoords="offset points",
+            wall.environment, place, xytext=(4 if is_left else -4, 3),
+            ha="left" if is_left else "right", textcoords="offset points",
         )  # fmt: skip
     ax.set_xlabel("stiffness (kN/m)")
     ax.set_ylabel("damping (N·s/m)")
+
+
+def draw_stability(ax: Axes, coupling: Coupling) -> None:
+    """Draw the bound of Eq. 10, and the coupling that has to stay above it, with where it binds.
+
+    Parameters
+    ----------
+    ax : Axes
+        To draw on; both axes become logarithmic.
+    coupling : Coupling
+        Its bound is positive somewhere.
+    """
+    omega = coupling.omega
+    # What is zero or infinite has no logarithm.
+    bound = np.where((coupling.bound > 0) & np.isfinite(coupling.bound), coupling.bound, np.nan)
+    ax.plot(omega, bound, color=COLOURS["ink"], label="lower bound (Eq. 10)")
+    binding = coupling.eq10_omega
+    label = f"this coupling: {coupling.eq10_margin:.3g} × bound at {binding:.4g} rad/s"
+    colour = COLOURS["classical"]
+    ax.plot(omega, coupling.admittance, color=colour, linestyle="--", label=label)
+    if omega[0] <= binding <= omega[-1]:
+        reached = np.interp(binding, omega, coupling.admittance)
+        ax.plot([binding], [reached], "o", markersize=5, color=colour)
+    log_scale(ax)
+    ax.set_xlim(omega[0], omega[-1])
+    ax.set_xlabel("ω (rad/s)")
+    ax.set_ylabel("admittance, real part (m/(N·s))")
 
 
 def stability_drawings(width: ZWidth | None, coupling: Coupling | None) -> list[Drawing]:
@@ -210,8 +231,7 @@ def stability_drawings(width: ZWidth | None, coupling: Coupling | None) -> list[
             draw_zwidth(axes[0], in_time)
             axes[0].set_title("in time")
         if by_paper is not None:
-            lines = {"this coupling": (by_paper.admittance, by_paper.eq10_omega)}
-            draw_stability(axes[-1], by_paper.omega, by_paper.bound, lines)
+            draw_stability(axes[-1], by_paper)
             axes[-1].set_title("by Eq. 10 of the paper")
         legend(axes, ncols=1)
 

@@ -1,8 +1,9 @@
-"""The overview: in a row for each environment every subject, and what intervals cover."""
+"""What users set: an overview with a row per environment, and the levels of factors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from percept.report.biases import Bias, biases_of, drawn_said, foremost
+from percept.report.contrast import contrast_rows, is_ratio, level_figures
 from percept.report.figures.canvas import (
     COLOURS,
     Drawing,
@@ -21,8 +23,8 @@ from percept.report.figures.canvas import (
     reference_line,
     shortened,
 )
-from percept.report.select import KINDS, METHODS, distinct, kind_names, matching
-from percept.results import CellValues, Results
+from percept.report.select import KINDS, METHODS, distinct, matching
+from percept.results import CellValues, ContrastRow, LevelValues, Results, Words
 from percept.sessions.quantities import Quantity
 
 FloatArray = NDArray[np.float64]
@@ -31,22 +33,30 @@ FloatArray = NDArray[np.float64]
 _THICKNESS = {"mean": 3.0, "user": 1.4, "share": 0.6}
 #: Between two environments, in distances between two bars of one.
 _GAP = 1.5
-_MOST_LETTERS = 20
+_MOST_LETTERS = 22  # of an environment
 _FARTHEST = 1e4  # ratio to the reference that a figure shows
 _ROOM = 0.02  # at both ends of an axis, as a share of its length
 _LINE_HEIGHT = 1.9  # mm, of a bar or of the subjects
 _HEIGHT = 22.0  # mm, of title, axis and legend
 
+_LEVELS_HEIGHT = 58.0  # mm, of each of two panels
+#: Levels stand one unit apart: from a level to the intervals of its methods, beside the subjects.
+_BESIDE = {"classical": 0.2, "bayesian": 0.3}
+#: Half the width over which the subjects of a group are spread, in the same unit.
+_SPREAD = 0.12
+_END = 0.5  # room at both ends of the levels, in the same unit
+_LEVELS_LETTERS = 60  # of all levels together
+_GROUP_COLOURS = ("quiet", "coupled", "warn", "ink")
+#: Pairs of levels that a figure compares; a table has all.
+_MOST_PAIRS = 6
+
 
 def draw_intervals(
     ax: Axes,
-    environments: Sequence[str],
     biases: Sequence[Bias],
     cells: Sequence[CellValues],
     quantity: Quantity,
-    *,
-    kinds: Mapping[str, str],
-    subject: str,
+    words: Words,
 ) -> None:
     """Draw a row per environment: subjects as dots, kinds by thickness, methods by colour.
 
@@ -54,58 +64,50 @@ def draw_intervals(
     ----------
     ax : Axes
         To draw on. Its ends hold every finite value; what is infinite reaches them.
-    environments : sequence of str
-        The rows, from the top.
     biases : sequence of Bias
         Intervals of one quantity, at least one.
     cells : sequence of CellValues
         Values of the subjects.
     quantity : Quantity
         What is drawn.
-    kinds : mapping of str to str
-        What kinds are called in the legend.
-    subject : str
-        What one subject is called.
+    words : Words
+        What the study calls subjects and users.
     """
     relative = biases[0].relative
+    environments = distinct(biases, "environment")
     bars = []  # Each with its limits and estimate against the reference
-    for bias in biases:
-        row = bias.row
-        if row.environment in environments:
-            ends = _against([row.lower, row.upper, row.estimate], row.reference, relative=relative)
-            bars.append((row, ends))
+    for row in [bias.row for bias in biases]:
+        numbers = [row.lower, row.upper, row.estimate]
+        bars.append((row, _against(numbers, row.reference, relative=relative)))
+    rows = [row for row, _ in bars]
     dots = {}
     for cell in matching(cells, parameter=quantity.name):
-        if cell.environment in environments:
-            dots[cell.environment] = _against(cell.values, cell.reference, relative=relative)
+        dots[cell.environment] = _against(cell.values, cell.reference, relative=relative)
+    dots = {name: dots.get(name, np.empty(0)) for name in environments}
     values = np.concatenate([*dots.values(), *(ends for _, ends in bars)])
-    log = biases[0].row.family == "lognormal" and relative and bool((values > 0).all())
+    log = rows[0].family == "lognormal" and relative and bool((values > 0).all())
     left, right = _ends(np.append(values, float(relative)), log=log)
-    rows = [row for row, _ in bars]
     lines = [(k, m) for k in KINDS for m in METHODS if matching(rows, kind=k, method=m)]
-    pitch = len(lines) + _GAP
+    tops = -(len(lines) + _GAP) * np.arange(len(environments))
     reference_line(ax, float(relative))
-    for index, name in enumerate(environments):
-        top = -pitch * index
-        x = dots.get(name, np.empty(0))
-        label = f"one {subject}" if len(x) else None
+    for top, x in zip(tops, dots.values(), strict=True):
+        label = f"one {words.subject}" if len(x) else None
         ax.plot(x, np.full(len(x), top), ".", color=COLOURS["quiet"], markersize=3.4, label=label)
-        for row, ends in bars:
-            if row.environment == name:
-                place = top - 1 - lines.index((row.kind, row.method))
-                shown = np.clip(ends[:2], left, right)
-                estimate = ends[2] if row.kind == "mean" else None
-                width = _THICKNESS[row.kind]
-                draw_interval(ax, place, shown, estimate, row.method, width=width)
+    for row, ends in bars:
+        place = tops[environments.index(row.environment)] - 1 - lines.index((row.kind, row.method))
+        estimate = ends[2] if row.kind == "mean" else None
+        width = _THICKNESS[row.kind]
+        draw_interval(ax, place, np.clip(ends[:2], left, right), estimate, row.method, width=width)
     method_legend(ax, [method for method in METHODS if matching(rows, method=method)])
+    names = {"mean": f"average {words.user}", "user": f"next {words.user}"}
+    names["share"] = f"share of {words.users}"
     for kind in dict.fromkeys(kind for kind, _ in lines):
-        ax.plot([], [], color=COLOURS["quiet"], linewidth=_THICKNESS[kind], label=kinds[kind])
+        ax.plot([], [], color=COLOURS["quiet"], linewidth=_THICKNESS[kind], label=names[kind])
     ax.set_xlim(left, right)
     if log:
         log_scale(ax, "x", plain=True)
-    middles = -pitch * np.arange(len(environments)) - len(lines) / 2
-    ax.set_yticks(middles, shortened(environments, _MOST_LETTERS))
-    ax.set_ylim(-pitch * len(environments) + _GAP / 2, _GAP / 2)
+    ax.set_yticks(tops - len(lines) / 2, shortened(environments, _MOST_LETTERS))
+    ax.set_ylim(tops[-1] - len(lines) - _GAP / 2, _GAP / 2)
     unit = f" ({quantity.unit})" if quantity.unit else ""
     against = " − reference" if quantity.is_matched else ""
     ax.set_xlabel(quantity.words + (" / reference" if relative else f"{against}{unit}"))
@@ -138,41 +140,145 @@ def overview_drawings(results: Results) -> list[Drawing]:
         return []
     words = results.data.words
     kinds = [kind for kind in ("mean", "user") if matching(results.intervals, kind=kind)]
-    every = []
+    shown = []
     for kind in kinds or ["share"]:
         for method in METHODS:
-            every += biases_of(results, kind, method=method)
-    names = distinct(every, "parameter")
+            biases = biases_of(results, kind, method=method)
+            shown += [bias for bias in biases if bias.environment in environments]
+    names = distinct(shown, "parameter")
     columns = min(2, len(names))
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(names), columns=columns)
         for index, (ax, name) in enumerate(zip(axes, names, strict=True)):
             quantity = results.data.quantities[name]
-            draw_intervals(
-                ax,
-                environments,
-                matching(every, parameter=name),
-                results.data.cells,
-                quantity,
-                kinds=kind_names(words.user, words.users),
-                subject=words.subject,
-            )
+            own = matching(shown, parameter=name)
+            draw_intervals(ax, own, results.data.cells, quantity, words)
             ax.set_title(quantity.head, loc="left")
             if index % columns:
                 ax.tick_params(axis="y", labelleft=False)
         legend(axes, ncols=3)
 
-    lines = len({(bias.row.kind, bias.row.method) for bias in every}) + _GAP
+    lines = len({(bias.row.kind, bias.row.method) for bias in shown}) + _GAP
     height = _HEIGHT + _LINE_HEIGHT * lines * len(environments)
     return [
         Drawing(
             name="overview",
             title=f"What {words.users} {words.verb}",
-            description="Dots: the "
-            f"{words.subjects}. Bars: intervals of the average and the next {words.user}. Dashed:"
-            f" the reference. {drawn_said(results)}".rstrip(),
+            description=f"Dashed: the reference. {drawn_said(results)}".rstrip(),
             height=height * -(-len(names) // columns),
             draw=draw,
         )
     ]
+
+
+def level_drawings(results: Results) -> list[Drawing]:
+    """Return a figure per quantity and factor: subjects and means, and how the levels differ."""
+    words = results.data.words
+    drawings = []
+    for name, (parameter, factor) in level_figures(results).items():
+        quantity = results.data.quantities[parameter]
+        own = matching(results.levels, parameter=parameter, factor=factor)
+        drawings.append(
+            Drawing(
+                name=name,
+                title=f"{quantity.head} at the levels of {factor}, and their differences",
+                description=f"Above: a {'line' if own[0].within else 'point'} for each"
+                f" {words.subject}, and the average {words.user} beside. Below: differences of the"
+                f" average {words.user}. Dashed: the reference, and no difference.",
+                height=2.0 * _LEVELS_HEIGHT,
+                draw=partial(_draw_factor, results=results, parameter=parameter, factor=factor),
+            )
+        )
+    return drawings
+
+
+def _draw_factor(figure: Figure, results: Results, parameter: str, factor: str) -> None:
+    """Draw the levels, and the differences beside them where there are some."""
+    rows = matching(contrast_rows(results), parameter=parameter, factor=factor, kind="mean")
+    between = matching(rows, of="bias")
+    overall = matching(between, environment=None) or between
+    axes = panels(figure, 2 if overall else 1, columns=1)
+    _draw_levels(axes[0], matching(rows, of="level"), results)
+    axes[0].set_title(results.data.quantities[parameter].head, loc="left")
+    if overall:
+        _draw_differences(axes[1], overall)
+    legend(axes)
+
+
+def _draw_levels(ax: Axes, means: Sequence[ContrastRow], results: Results) -> None:
+    """Draw each subject's values over the levels, and the average user beside them."""
+    parameter = means[0].parameter
+    quantity = results.data.quantities[parameter]
+    own = matching(results.levels, parameter=parameter, environment=None)
+    rows = matching(own, factor=means[0].factor)
+    raw = matching(results.contrast, parameter=parameter, factor=means[0].factor, of="level")
+    # Values are in the unit of report.json, as its contrasts.
+    scale = means[0].estimate / raw[0].estimate if raw[0].estimate else 1.0
+    values = scale * np.array([row.values for row in rows], dtype=float)
+    groups = _groups(own, rows[0].factor)
+    if len(groups) < 2:
+        groups = {f"one {results.data.words.subject}": np.ones(values.shape[1], dtype=bool)}
+    for (name, members), colour in zip(groups.items(), _GROUP_COLOURS * len(groups), strict=False):
+        _draw_subjects(ax, values[:, members], name, colour, within=rows[0].within)
+    levels = [row.level for row in rows]
+    for row in means:
+        place = levels.index(row.second) + _BESIDE[row.method]
+        limits = [row.lower, row.upper]
+        draw_interval(ax, place, limits, row.estimate, row.method, upright=True)
+    log = is_ratio(means[0])
+    if log:
+        log_scale(ax, "y", plain=True)
+    unit = f" ({means[0].unit})" if means[0].unit else ""
+    against = " − reference" if quantity.is_matched else ""
+    ax.set_ylabel(quantity.label + (" / reference" if log else f"{against}{unit}"))
+    ax.set_xticks(range(len(levels)), shortened(levels, max(4, _LEVELS_LETTERS // len(levels))))
+    ax.set_xlim(-_END, len(levels) - 1 + _END)
+    ax.set_xlabel(rows[0].factor)
+    ax.grid(visible=False, axis="x")
+    if quantity.is_matched:
+        reference_line(ax, float(log), "y")
+
+
+def _groups(rows: Sequence[LevelValues], factor: str) -> dict[str, NDArray[np.bool_]]:
+    """Return the subjects of each level of the first factor between groups, if another's drawn."""
+    between = matching(rows, within=False)
+    if not between or between[0].factor == factor:
+        return {}
+    of_groups = matching(between, factor=between[0].factor)
+    return {row.level: np.array([one is not None for one in row.values]) for row in of_groups}
+
+
+def _draw_subjects(ax: Axes, values: FloatArray, name: str, colour: str, *, within: bool) -> None:
+    """Join each subject's values over the levels; groups stand side by side as points."""
+    count, subjects = values.shape
+    spread = np.zeros(subjects) if within else np.linspace(-_SPREAD, _SPREAD, subjects)
+    # A subject per row, and a gap after it. One path: a line for each of hundreds of subjects makes
+    # a page of megabytes.
+    x = np.arange(count + 1) + spread[:, None]
+    y = np.full((subjects, count + 1), np.nan)
+    y[:, :count] = values.T
+    ax.plot(
+        x.ravel(), y.ravel(), linewidth=0.6 if within else 0.0, marker=".", markersize=3.0,
+        color=COLOURS[colour], label=name,
+    )  # fmt: skip
+
+
+def _draw_differences(ax: Axes, contrasts: Sequence[ContrastRow]) -> None:
+    """Draw contrasts of the levels, both methods, with the line of no difference."""
+    pairs = list(dict.fromkeys((row.first, row.second) for row in contrasts))[:_MOST_PAIRS]
+    for row in contrasts:
+        if (row.first, row.second) in pairs:
+            place = -(pairs.index((row.first, row.second)) + _BESIDE[row.method])
+            draw_interval(ax, place, [row.lower, row.upper], row.estimate, row.method)
+    log = is_ratio(contrasts[0])
+    reference_line(ax, float(log))
+    if log:
+        log_scale(ax, "x", plain=True)
+    names = [f"{second} : {first}" if log else f"{second} − {first}" for first, second in pairs]
+    ax.set_yticks([-index - 0.25 for index in range(len(pairs))], shortened(names, 30))
+    ax.set_ylim(-len(pairs) + 0.2, 0.3)
+    unit = f" ({contrasts[0].unit})" if contrasts[0].unit else ""
+    ax.set_xlabel("ratio" if log else f"difference{unit}")
+    method_legend(ax, [one for one in METHODS if one in distinct(contrasts, "method")])
+    ax.grid(visible=False, axis="y")

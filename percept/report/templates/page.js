@@ -84,9 +84,9 @@
     const place = $("#explorer");
     const source = $("#curves");
     if (!place || !source) return;
-    const data = JSON.parse(source.textContent).map(prepared);
+    const data = prepared(JSON.parse(source.textContent));
     if (!data.length) return;
-    const range = [data[0].grids[0][0], data[0].grids[0].at(-1)];
+    const range = [data[0].omega[0], data[0].omega.at(-1)];
     const state = { window: [...range], own: false, at: null };
     const options = (name) => [...new Set(data.flatMap((one) => one.limits.map((limit) => limit[name])))];
     const select = (label, name, values, labels = {}) => {
@@ -170,11 +170,11 @@
         const limits = one.limits.filter((limit) => limit.kind === kind.value && limit.shape === shape.value && limit.family === family.value);
         limits.sort((a, b) => a.method.localeCompare(b.method));
         const series = limits.map((limit) => ({ name: METHODS[limit.method], css: limit.method,
-          lower: grid.map((w) => one.value(limit.lower, w, limit.grid)),
-          upper: grid.map((w) => one.value(limit.upper, w, limit.grid)) }));
-        const lines = [{ name: "reference", css: "ink", values: grid.map((w) => one.value(one.reference, w)) }];
+          lower: grid.map((w) => interpolated(limit.lower, limit.omega, w)),
+          upper: grid.map((w) => interpolated(limit.upper, limit.omega, w)) }));
+        const lines = [{ name: "reference", css: "ink", values: grid.map((w) => interpolated(one.reference, one.omega, w)) }];
         if (one.coupled) {
-          lines.push({ name: "with coupling", css: "coupled", values: grid.map((w) => one.value(one.coupled, w)) });
+          lines.push({ name: "with coupling", css: "coupled", values: grid.map((w) => interpolated(one.coupled, one.omega, w)) });
         }
         if (relative) {
           const base = lines[0].values;
@@ -328,17 +328,21 @@
     return found;
   }
 
+  // Boundaries by environment; those that share its curves get them here.
+  function prepared({ boundaries, impedances, zoom }) {
+    return [...new Set(boundaries.map((one) => one.environment))].map((name) => ({
+      name, zoom: zoom[name], ...impedances[name],
+      limits: boundaries.filter((one) => one.environment === name).map((one) => ({ ...impedances[name], ...one })),
+    }));
+  }
+
   // A curve between its points: straight on logarithms where it is positive.
-  function prepared(one) {
-    one.value = (curve, w, grid = 0) => {
-      const x = one.grids[grid];
-      const i = Math.min(Math.max(x.findIndex((edge) => edge >= w), 1), x.length - 1);
-      const [low, high] = [curve[i - 1], curve[i]];
-      if (low === null || high === null) return NaN;
-      const share = Math.log(w / x[i - 1]) / Math.log(x[i] / x[i - 1]);
-      return low > 0 && high > 0 ? low * (high / low) ** share : low + (high - low) * share;
-    };
-    return one;
+  function interpolated(curve, x, w) {
+    const i = Math.min(Math.max(x.findIndex((edge) => edge >= w), 1), x.length - 1);
+    const [low, high] = [curve[i - 1], curve[i]];
+    if (low === null || high === null) return NaN;
+    const share = Math.log(w / x[i - 1]) / Math.log(x[i] / x[i - 1]);
+    return low > 0 && high > 0 ? low * (high / low) ** share : low + (high - low) * share;
   }
 
   themes();
