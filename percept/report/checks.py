@@ -123,22 +123,22 @@ def _people(results: Results) -> Section:
     for parameter in distinct(rows, "parameter"):
         own = matching(rows, parameter=parameter)
         relative = own[0].relative
-        measured = " of the reference" if relative else f" ({own[0].unit})" if own[0].unit else ""
+        unit = f" ({own[0].unit})" if own[0].unit and not relative else ""
         mean = of("mean", 2, "bias" if relative else "difference")
-        columns[f"{parameter}, mean{measured}"] = column(own, "subject", mean)
+        columns[f"{parameter}, mean{unit}"] = column(own, "subject", mean)
         sd = of("sd", 2, "percent" if relative else "plain")
         columns[f"{parameter}, SD"] = column(own, "subject", sd)
         columns[f"{parameter}, distance"] = column(own, "subject", of("distance", 2))
     logarithms = " (of logarithms)" if rows[0].log else ""
     caption = (
-        f"What each {words.subject} {words.verb} over the {words.environments}: mean deviation,"
-        f" SD{logarithms}, and distance from the others’ mean in their SDs."
+        f"What each {words.subject} {words.verb} over the {words.environments}: mean deviation from"
+        f" the reference, SD{logarithms}, and distance from the others’ mean in their SDs."
     )
     if loo:
-        columns["as far or farther"] = column(loo.subjects, "subject", of("farther", 2))
-        columns["Pareto index"] = column(loo.subjects, "subject", of("pareto_k", 2))
+        columns["probability"] = column(loo.subjects, "subject", of("farther", 2))
+        columns["Pareto k"] = column(loo.subjects, "subject", of("pareto_k", 2))
         caption += (
-            " The model expects as far or farther with the stated probability; a Pareto index above"
+            " Probability: of lying as far off or farther, by the model. A Pareto k above"
             f" {short(loo.good_k, 2)} is too high for reweighting."
         )
     names = distinct(rows, "subject")
@@ -171,7 +171,7 @@ def _without(results: Results, loo: LeftOut) -> Table:
         if not whole or not moved:
             return NOTHING
         most = max(moved, key=lambda name: abs(moved[name].estimate - whole.estimate))
-        return (*estimate(moved[most]), f" without {most}")
+        return (*estimate(moved[most]), f", {most}")
 
     rows = [row for row in results.checks.without if row.environment in shown]
     columns: Columns = {capitalised(words.environment): str}
@@ -182,8 +182,8 @@ def _without(results: Results, loo: LeftOut) -> Table:
         columns[head] = column(own, "environment", moved_most)
     level = percent(results.provenance.scene["inference"]["level"])
     caption = (
-        f"The average {words.user} (Bayesian, {level} limits) without the {words.subject} who moves"
-        " the estimate most, by the weights of leave-one-out cross-validation."
+        f"The average {words.user} (Bayesian, {level} limits) without the {words.subject} named,"
+        " who moves the estimate most, by the weights of leave-one-out cross-validation."
     )
     untold = [one.subject for one in loo.subjects if one.pareto_k > loo.good_k]
     if untold:

@@ -144,7 +144,6 @@ def test_report_ends_with_the_page_and_keeps_what_was_there(tmp_path, capsys):
     warnings = [f"warning: {sentence}" for sentence in summary["cautions"]]
     assert said == [*summary["sentences"], *warnings]
     assert said[0].startswith("Users set stiffness ")
-    assert warnings
     assert "VE5" in Path(last).read_text(encoding="utf-8")
     assert (out / "notes.txt").read_text() == "mine"
     assert [path.name for path in tmp_path.iterdir()] == ["out"]

@@ -280,6 +280,9 @@ def band_drawings(results: Results) -> list[Drawing]:
     user = results.data.words.user
     drawings = []
     for parameter in distinct(results.band.rows, "parameter"):
+        of_parameter = matching(results.band.rows, parameter=parameter)
+        if len(distinct(of_parameter, size_name(parameter))) < 2:
+            continue  # Levels of a factor at one reference
         what = "|Z_e|" if parameter is None else results.data.quantities[parameter].words
         drawings.append(
             Drawing(

@@ -131,8 +131,7 @@ def design_drawings(results: Results) -> list[Drawing]:
             description="Left of the edge this device renders the"
             f" {results.data.words.environment} with every hand. The darker, the more probably it"
             f" feels real ({METHOD_NAMES[design.method]}): shades begin at {shades} and"
-            f" {percent(design.decision)}. The cross is the coupling in use."
-            f" {drawn_said(results)}".rstrip(),
+            f" {percent(design.decision)}. {drawn_said(results)}".rstrip(),
             height=_LEGEND_HEIGHT + _PANEL_HEIGHT * -(-len(regions) // columns),
             draw=draw,
         )
