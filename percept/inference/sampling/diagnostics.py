@@ -23,14 +23,8 @@ Array = NDArray[np.float64]
 
 #: Sokal's window, in autocorrelation times.
 _WINDOW = 5.0
-#: Values of a quantity that are enough to see how long it remembers.
-_MOST_VALUES = 1 << 15
 #: Walkers per ensemble that are kept whatever that takes.
 _FEWEST_WALKERS = 8
-#: Batches per ensemble: each of some autocorrelation times, and enough for a variance.
-_FEWEST_BATCHES = 4
-_MOST_BATCHES = 20
-_TIMES_PER_BATCH = 3.0
 
 
 def autocorrelation_time(series: Array) -> Array:
@@ -71,37 +65,24 @@ def autocorrelation_time(series: Array) -> Array:
     return np.where(known, np.maximum(chosen, 1.0), np.inf)
 
 
-def monte_carlo_error(influence: Array, times: Array) -> Array:
+def monte_carlo_error(influence: Array) -> Array:
     """Estimate the standard error of the estimates from their influence functions.
+
+    Walkers never see one another, so that the scatter of their means tells the error, whatever a
+    walker remembers.
 
     Parameters
     ----------
     influence : ndarray
         Shape (E, T, W, Q).
-    times : ndarray
-        Autocorrelation times of these, shape (Q,).
 
     Returns
     -------
     ndarray
-        Shape (Q,): the larger of the errors by batches and by autocorrelation time.
+        Shape (Q,).
     """
-    ensembles, length, walkers, count = influence.shape
-    longest = float(np.max(times, initial=1.0))
-    batches = _FEWEST_BATCHES
-    if np.isfinite(longest):
-        fitting = length / (_TIMES_PER_BATCH * longest)
-        batches = int(np.clip(fitting, _FEWEST_BATCHES, _MOST_BATCHES))
-    size = length // batches
-    over_walkers = influence.mean(axis=2)[:, : size * batches]
-    batched = over_walkers.reshape(ensembles, batches, size, count)
-    averages = batched.mean(axis=2).reshape(-1, count)
-    scatter = averages.var(axis=0, ddof=1)
-    by_batches = np.sqrt(scatter / (ensembles * batches))
-    draws = ensembles * length * walkers
-    variance = np.einsum("etwq,etwq->q", influence, influence) / draws
-    by_time = np.sqrt(variance * np.minimum(times, draws) / draws)
-    return np.maximum(by_batches, by_time)
+    of_walkers = influence.mean(axis=1).reshape(-1, influence.shape[-1])
+    return np.asarray(of_walkers.std(axis=0, ddof=1) / math.sqrt(len(of_walkers)))
 
 
 def split_rhat(chains: Array, method: str) -> Array:
@@ -155,8 +136,8 @@ def normal_scores(values: Array) -> Array:
     return np.ascontiguousarray(columns.T).reshape(values.shape)
 
 
-def thin_walkers(series: Array, most: int = _MOST_VALUES) -> Array:
-    """Thin walkers evenly, for what takes long and needs only `most` values of a quantity."""
+def thin_walkers(series: Array, most: int) -> Array:
+    """Thin walkers evenly, to about `most` values of a quantity and at least eight walkers."""
     ensembles, length, walkers, _ = series.shape
     kept = max(_FEWEST_WALKERS, most // (ensembles * length))
     return series[:, :, :: math.ceil(walkers / kept)]

@@ -251,7 +251,7 @@ def _measure_estimates(estimates: Estimates, series: Array) -> Measured:
 
     Walkers are left out (`thin_walkers`) where there are more than a time or a rank needs.
     """
-    errors = monte_carlo_error(series, autocorrelation_time(thin_walkers(series)))
+    errors = monte_carlo_error(series)
     # Ranks, because with a heavy tail a few extreme draws would dominate the time and hide slower
     # parts.
     scores = normal_scores(thin_walkers(series, _RANKED))

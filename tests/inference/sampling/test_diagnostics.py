@@ -44,19 +44,9 @@ def test_monte_carlo_error_is_the_scatter_of_repeated_means(rho):
     z = []
     for _ in range(repeats):
         series = autoregressive(rho, (4, 120, 16, 1), rng)
-        influence = series - series.mean()
-        z.append(series.mean() / monte_carlo_error(influence, autocorrelation_time(influence))[0])
-    # The larger of two estimates is a little large; it must never be small.
-    spread = np.std(z)
-    assert 0.75 < spread < 1 + 3 / np.sqrt(2 * repeats)
-
-
-def test_monte_carlo_error_sees_walkers_that_move_together():
-    """All walkers alike: the autocorrelation time cannot know, the batch means do."""
-    rng = np.random.default_rng(4)
-    together = np.repeat(rng.normal(size=(4, 200, 1, 1)), 64, axis=2)
-    error = monte_carlo_error(together, autocorrelation_time(together))[0]
-    assert 0.6 < error * np.sqrt(800) < 1.6
+        z.append(series.mean() / monte_carlo_error(series - series.mean())[0])
+    # The standard error of an SD, three times.
+    assert abs(np.std(z) - 1) < 3 / np.sqrt(2 * repeats)
 
 
 def test_rhat_sees_chains_apart_wider_or_drifting():

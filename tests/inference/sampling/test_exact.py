@@ -9,7 +9,7 @@ from scipy import special, stats
 import percept
 from percept.inference import prediction_interval, t_interval, tolerance_interval
 from percept.inference.model.laws import Moments
-from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error
+from percept.inference.sampling.diagnostics import monte_carlo_error
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from tests import DATASETS
@@ -76,7 +76,7 @@ def test_nist_markov_chain_case(offset, tmp_path):
         laws = Moments.unpack(run.components.reshape(-1, 3))
         spread = laws.population_sd.reshape(*run.components.shape[:3], 1)
         influence = spread - spread.mean()
-        error = monte_carlo_error(influence, autocorrelation_time(influence))[0]
+        error = monte_carlo_error(influence)[0]
         assert abs(spread.mean() * float(sd) - 0.108372230793914) < 4 * error * float(sd)
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy import signal
 
 from percept.errors import RefusalError, UsageError
+from percept.inference.sampling.diagnostics import split_rhat
 from percept.inference.sampling.gate import (
     Estimates,
     Measured,
@@ -254,3 +255,13 @@ def test_walkers_stuck_in_a_tail_are_withheld():
     assert judged(values).passed
     values[:, :, :1] = 2.5 + 0.1 * rng.random((4, 200, 1, 1))
     assert not judged(values).passed
+
+
+def test_an_ensemble_that_never_reaches_the_tails_is_withheld():
+    """Ranks hardly tell: a tenth of the draws of one in four ensembles lies a little too near."""
+    values = np.random.default_rng(5).normal(size=(4, 200, 64, 1))
+    assert judged(values).passed
+    values[2] = np.clip(values[2], -1.5, 1.5)
+    assert split_rhat(values.reshape(4, -1, 1), "rank")[0] < 1.005
+    (reason,) = judged(values).reasons
+    assert reason.startswith("the ensembles disagree on E x[0]: rank R-hat 1.02")

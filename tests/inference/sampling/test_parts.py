@@ -34,8 +34,8 @@ def test_means_are_those_of_all_draws():
     assert run.gate.passed, run.gate.reasons
     kept = run.points[..., 0].size
     assert run.points.shape[1] <= SMALL.fewest_positions
-    # The run began anew after its first round, of which one call of one draw tells.
-    begun = [len(values) for values in means.values].index(1, 1)
+    # A chain begins with a call of one draw. The last chain's draws count.
+    begun = max(call for call, values in enumerate(means.values) if len(values) == 1)
     drawn = np.concatenate(means.values[begun + 1 :])
     assert len(drawn) > 3 * kept
     # Sums of half a million numbers in two orders.
