@@ -237,7 +237,7 @@ class PredictiveCheck:
     lower: float
     upper: float
     above: float  # Share of new studies with more
-    unusual: bool
+    unusual: bool  # Too far out for chance, over all checks of the study
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -152,7 +152,9 @@ def _statistics(fit: Fit, subjects: SubjectDensity) -> Iterator[PredictiveCheck]
     ends = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]
     lower, upper = np.quantile(drawn, ends, axis=0)
     above = (drawn > observed).mean(axis=0)
-    unusual = ~((lower <= observed) & (observed <= upper))
+    # Shared over all checks, so that a right model seldom alarms, however many cells it has.
+    checks = np.count_nonzero(np.isfinite(observed))
+    unusual = 2.0 * checks * np.minimum(above, 1.0 - above) < FALSE_ALARM
     for j, p, s in np.argwhere(np.isfinite(observed).transpose(2, 1, 0)).tolist():
         index = (s, p, j)
         yield PredictiveCheck(
