@@ -63,6 +63,14 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     assert "VE3" in {check.environment for check in unusual if check.statistic == "farthest"}
 
 
+def test_false_alarms_are_shared_among_the_statistics():
+    # Data of the model itself leave some limits of 50 %, and nothing is unusual.
+    checks = study_of(table_of(("k", "b")), checks={}, tolerance=0.1, level=0.5).checks.statistics
+    outside = [check for check in checks if not check.lower <= check.observed <= check.upper]
+    assert outside
+    assert not any(check.unusual for check in checks)
+
+
 def test_false_alarms_are_shared_among_the_subjects(clean):
     """One study in twenty names somebody: of ten subjects each has a probability of 0.005."""
     farther = np.array([0.0049, 0.0051, *[0.5] * 8])
