@@ -14,6 +14,7 @@ from percept.haptics.perceived import Display
 from percept.haptics.shown import shown_limits
 from percept.inference.classical.fiducial import central_range_confidence
 from percept.inference.classical.moments import Moments
+from tests import LONG
 
 LEVEL, DECISION = 0.99, 0.95
 EDGE = stats.norm.isf(0.5 * (1.0 - LEVEL))
@@ -108,18 +109,21 @@ def said(display, centre, sd, n, studies):
     return [verdicts.count(verdict) / studies for verdict in ("feels real", "does not")]
 
 
+@pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("n", [3, 10])
 def test_error_rates_of_stiffness_and_damping(n):
+    studies = 1_200 if LONG else 400
     at_edge, at_centre = (
-        said(DISPLAY, np.log([500.0, 2.0]) + SDS * [bias, 0.0], SDS, n, 1_200)
+        said(DISPLAY, np.log([500.0, 2.0]) + SDS * [bias, 0.0], SDS, n, studies)
         for bias in (EDGE, 0.0)
     )
-    error = 4.0 * np.sqrt(DECISION * (1.0 - DECISION) / 1_200)
+    error = 4.0 * np.sqrt(DECISION * (1.0 - DECISION) / studies)
     assert at_edge[0] <= 1.0 - DECISION + error
     assert at_centre[1] <= 1.0 - DECISION + error
     assert at_centre[0] > at_edge[0]
 
 
+@pytest.mark.evidence(reduced=True)
 def test_a_display_at_both_ends_of_both_ranges_is_seldom_refuted():
     """Stiffness and damping pass from one end of the users' range to the other over omega.
 
@@ -129,5 +133,6 @@ def test_a_display_at_both_ends_of_both_ranges_is_seldom_refuted():
     ends = np.log(shown_limits(coupled, 0.1, 100.0))
     sd = 0.5 * np.diff(ends)[:, 0] / EDGE
     assert np.all(sd > 0.02)
-    _, refuted = said(coupled, ends.mean(axis=1), sd, 10, 3_000)
-    assert refuted <= 2.0 / 3.0 * (1.0 - DECISION) + 3.0 * np.sqrt(0.033 / 3_000)
+    studies = 3_000 if LONG else 1_200
+    _, refuted = said(coupled, ends.mean(axis=1), sd, 10, studies)
+    assert refuted <= 2.0 / 3.0 * (1.0 - DECISION) + 3.0 * np.sqrt(0.033 / studies)

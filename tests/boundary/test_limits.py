@@ -132,7 +132,7 @@ def heavy_mixture(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., Any]) -> None:
     omega = np.array([1.0, 30.0, 100.0])
     found = []
-    sets = 60 if LONG else 25
+    sets = 60 if LONG else 16
     # The SD of so many numbers scatters by this.
     spread = 1.0 / np.sqrt(2.0 * (sets - 1))
     for seed in range(sets):
@@ -167,6 +167,7 @@ def wide_draws(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return mean, sd[:, :, None] ** 2 * np.eye(2)
 
 
+@pytest.mark.evidence
 def test_stated_error_of_a_band_is_its_scatter_where_few_draws_are_wide() -> None:
     omega, logs, stated, count = np.array([0.1, 1.0, 3.0, 10.0, 100.0]), [], [], 10
     for seed in range(count):

@@ -32,6 +32,8 @@ from percept.sessions import ReadOptions, Sessions
 from percept.simulate.model import Design, Hyperparameters, TrueValues
 from percept.workers import on_cluster
 from tests import DATASETS, LONG
+from tests.fits import SHARED
+from tests.golden.studies import SEED, TOLERANCE
 from tests.workers.clusters import QUIET, in_threads
 
 REFERENCES = ((10.0, 0.1), (1000.0, 1.0), (25_000.0, 25.0))
@@ -112,7 +114,7 @@ def test_region_boundaries_hold_whole_curves_at_their_level_and_pointwise_ones_l
 @QUIET
 def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Path) -> None:
     path = tmp_path / "judged.jsonl"
-    plan = planned(REFERENCES[:2])
+    plan = plan_like(durations(), method="classical")
     before = coverage(plan, 2, checkpoint=path)
     with path.open("a") as file:
         file.write('{"plan": "' + plan.key + '", "index": 2, "jud')  # cut short
@@ -127,7 +129,9 @@ def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Pa
     assert done == [(3, 4), (4, 4)]
     pd.testing.assert_frame_equal(rows, coverage(plan, 4))
     # Another plan does not take these lines for its own.
-    assert not coverage(planned(REFERENCES[:2], seed=2), 2, checkpoint=path).equals(before)
+    assert not coverage(
+        plan_like(durations(seed=2), method="classical"), 2, checkpoint=path
+    ).equals(before)
     pd.testing.assert_frame_equal(coverage(plan, 2, checkpoint=path), before)
 
 
@@ -182,8 +186,10 @@ def test_withheld_studies_count_among_all_and_claims_among_those_that_make_them(
 
 
 def test_fitted_values_are_those_of_the_fit() -> None:
-    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2, method="bayesian")
-    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(
+        tolerance=TOLERANCE, seed=SEED, method="bayesian"
+    )
+    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene, store=SHARED)
     truth = fitted_values(study)
     assert study.fit is not None
     model = study.fit.model
@@ -193,7 +199,7 @@ def test_fitted_values_are_those_of_the_fit() -> None:
     np.testing.assert_allclose(truth.hyper.alpha + truth.delta, truth.beta, atol=1e-12)
     np.testing.assert_allclose(truth.sigma.T, named["sigma"].mean(axis=0), rtol=1e-12)
     reference = np.array([study.data.reference[cell] for cell in model.cells])
-    # Estimates are of all kept draws, and good to 0.2 of half-widths of some tenths.
+    # Estimates are of all kept draws, and good to .05 of half-widths of some tenths.
     centre = np.log(study.fit.estimate / reference).reshape(2, -1)
     np.testing.assert_allclose(truth.beta.T, centre, atol=0.02)
 

@@ -15,6 +15,15 @@ from tests import DATASETS
 SESSIONS = str(DATASETS / "hbfd_sessions.csv")
 
 
+@pytest.fixture
+def few(tmp_path):
+    """The published sessions of two environments."""
+    table = pd.read_csv(SESSIONS, dtype={"subject": str}).drop(columns="source")
+    path = tmp_path / "few.csv"
+    table[table["environment"].isin(["VE2", "VE4"])].to_csv(path, index=False)
+    return str(path)
+
+
 def calibrate(tmp_path, *more, scene=""):
     (tmp_path / "scene.toml").write_text(scene)
     asked = [
@@ -32,17 +41,17 @@ def calibrate(tmp_path, *more, scene=""):
     return main(["calibrate", *(more or (SESSIONS,)), *asked, *out])
 
 
-def test_the_page_says_what_was_simulated(tmp_path, capsys):
+def test_the_page_says_what_was_simulated(tmp_path, capsys, few):
     scene = (
         "[device]\nmass = 0.5\ndamping = 2.0\nperiod = 2e-3\n[inference]\nlevel = 0.9\nshare ="
         " 0.6\n"
     )
-    assert calibrate(tmp_path, scene=scene) == 0
+    assert calibrate(tmp_path, few, scene=scene) == 0
     page = (tmp_path / "out" / "coverage.md").read_text()
     assert capsys.readouterr().out.strip() == str(tmp_path / "out" / "coverage.md")
     said = " ".join(page.split())
     assert (
-        "of hbfd_sessions.csv, its subjects and trials, and the prior, refitted by the classical"
+        "of few.csv, its subjects and trials, and the prior, refitted by the classical"
         " method." in said
     )
     assert (
@@ -59,7 +68,7 @@ def test_the_page_says_what_was_simulated(tmp_path, capsys):
     # What holds 60 % of users holds less than what holds 99 %.
     wide = tmp_path / "wide"
     wide.mkdir()
-    assert calibrate(wide, scene="[inference]\nlevel = 0.9\nshare = 0.99\n") == 0
+    assert calibrate(wide, few, scene="[inference]\nlevel = 0.9\nshare = 0.99\n") == 0
     assert (wide / "out" / "judged.jsonl").read_text() != (
         tmp_path / "out" / "judged.jsonl"
     ).read_text()
@@ -93,24 +102,12 @@ def test_more_than_two_quantities_are_not_simulated_together(tmp_path, capsys):
     assert "[inference] parameters" in error
 
 
-def test_each_method_has_its_own_number_of_studies_and_a_second_run_none(tmp_path):
+def test_each_method_has_its_own_number_of_studies_and_a_second_run_none(tmp_path, few):
     scene = tmp_path / "scene.toml"
-    scene.write_text("[inference]\ntolerance = 0.3\n")
+    scene.write_text('[inference]\ntolerance = 0.3\nparameters = ["k"]\n')
     out = tmp_path / "out"
-    few = tmp_path / "few.csv"
-    table = pd.read_csv(SESSIONS, dtype={"subject": str}).drop(columns="source")
-    table[table["environment"].isin(["VE2", "VE4"])].to_csv(few, index=False)
-    words = [
-        "calibrate",
-        str(few),
-        "--scene",
-        str(scene),
-        "--out",
-        str(out),
-        "--workers",
-        "1",
-        "--quiet",
-    ]
+    words = ["calibrate", few, "--scene", str(scene), "--out", str(out), "--workers", "1"]
+    words.append("--quiet")
     assert main([*words, "--studies", "2", "--classical", "3"]) == 0
     with (out / "coverage.csv").open() as file:
         counts = {(row["method"], row["studies"]) for row in csv.DictReader(file)}
