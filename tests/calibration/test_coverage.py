@@ -79,7 +79,7 @@ def found(rows: pd.DataFrame, **wanted: str) -> Any:
 @pytest.fixture(scope="module")
 def rows() -> pd.DataFrame:
     values = fixed_values(spread=1.5, environments=2)
-    studies = 200 if LONG else 24
+    studies = 200 if LONG else 16
     return coverage(planned(REFERENCES[:2], values=values), studies)
 
 

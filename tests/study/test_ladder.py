@@ -121,7 +121,10 @@ def test_trial_sds_of_each_user_are_a_step_of_their_own() -> None:
     assert list(causes) == ["all", "prior", "trials", "pooling", "own_trials"]
 
 
-@pytest.mark.parametrize(("correlation", "named"), [(0.95, True), (0.0, False)])
+@pytest.mark.parametrize(
+    ("correlation", "named"),
+    [(0.95, True), pytest.param(0.0, False, marks=pytest.mark.evidence)],
+)
 def test_correlation_moves_stiffness_that_nothing_else_moves(
     correlation: float, named: bool
 ) -> None:

@@ -52,7 +52,7 @@ def test_an_environment_the_fit_does_not_know_has_no_say() -> None:
     table.loc[table["environment"] == "VE3", "b_adj"] = np.nan
     scene = Scene(inference={"method": "bayesian", "tolerance": 0.2})
     found, wanted = (
-        predict(Study(Sessions.from_frame(part), scene), stiffness=9e3, damping=9.0)
+        predict(Study(Sessions.from_frame(part), scene, store=SHARED), stiffness=9e3, damping=9.0)
         for part in (table, without)
     )
     assert wanted.beyond["k"] > 0.9
@@ -80,7 +80,7 @@ def test_boundaries_hold_draws_of_their_kind(loose: Study) -> None:
 @pytest.fixture(scope="module")
 def published() -> Study:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2)
-    return Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
+    return Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene, store=SHARED)
 
 
 def test_published_limits_are_predicted_parameter_by_parameter(published: Study) -> None:
@@ -140,14 +140,13 @@ def test_refused(fitted: Study) -> None:
         predict(classical, stiffness=100.0, damping=1.0)
     alone = fitted.scene.to_dict()
     alone["model"] |= {"pooling": "none", "prior": "reference"}
-    alone["inference"] |= {"tolerance": 0.2}
+    alone["inference"] |= {"tolerance": 0.2, "parameters": ["k"]}
     with pytest.raises(
         RefusalError, match="without pooling, an environment tells nothing about others"
     ):
-        predict(Study(fitted.sessions, Scene(**alone)), stiffness=100.0, damping=1.0)
+        predict(Study(fitted.sessions, Scene(**alone)), stiffness=100.0)
     table = fitted.sessions.table
+    stiffness_alone = fitted.scene.with_inference(tolerance=0.2, parameters=("k",))
     one = dataclasses.replace(fitted.sessions, table=table[table["environment"] == "VE3"])
     with pytest.raises(RefusalError, match="one environment shows no trend to predict others from"):
-        predict(
-            Study(one, fitted.scene.with_inference(tolerance=0.2)), stiffness=100.0, damping=1.0
-        )
+        predict(Study(one, stiffness_alone), stiffness=100.0)

@@ -68,9 +68,9 @@ def test_both_methods_follow_the_decision(fitted: Study) -> None:
     ("data", "method"),
     [
         ("hbfd_sessions.csv", "classical"),
-        ("hbfd_table1.csv", "both"),
         pytest.param("hbfd_sessions.csv", "both", marks=pytest.mark.evidence),
-        pytest.param("hbfd_table1.csv", "classical", marks=pytest.mark.evidence),
+        pytest.param("hbfd_table1.csv", "both", marks=pytest.mark.evidence),
+        ("hbfd_table1.csv", "classical"),
     ],
 )
 def test_the_level_of_intervals_decides_no_verdict(data, method) -> None:
