@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
+
 from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.biases import foremost
 from percept.report.cautions import misfits
+from percept.report.decisions import RENDERED
 from percept.report.numbers import Estimated, listed, short
 from percept.report.sections import (
     NOTHING,
@@ -21,7 +25,7 @@ from percept.report.sections import (
     value,
 )
 from percept.report.select import MOST_SHOWN, distinct, first, matching
-from percept.results import IntervalWithout, LeftOut, Results
+from percept.results import IntervalWithout, LeftOut, Results, Verdict
 
 
 def checks(results: Results) -> Section:
@@ -180,12 +184,28 @@ def _without(results: Results, loo: LeftOut) -> Table:
         own = matching(rows, parameter=name)
         head = f"{quantity.head} ({quantity.unit})" if quantity.unit else quantity.head
         columns[head] = column(own, "environment", moved_most)
+    for coupled in (False, True):
+        verdicts = matching(results.verdicts, coupled=coupled)
+        if any(one.without for one in verdicts):
+            judged = partial(_judged_without, names=names)
+            columns[f"real, {RENDERED[coupled]}"] = column(verdicts, "environment", judged)
     level = percent(results.provenance.scene["inference"]["level"])
     caption = (
-        f"The average {words.user} (Bayesian, {level} limits) without the {words.subject} named,"
-        " who moves the estimate most, by the weights of leave-one-out cross-validation."
+        f"The average {words.user} (Bayesian, {level} limits), and the probability that the display"
+        f" feels real, each without the {words.subject} named, who moves it most: by the weights of"
+        " leave-one-out cross-validation."
     )
     untold = [one.subject for one in loo.subjects if one.pareto_k > loo.good_k]
     if untold:
         caption += f" Too few draws tell what it is without {listed(untold, MOST_SHOWN)}."
     return table_of(caption, distinct(rows, "environment"), columns)
+
+
+def _judged_without(verdict: Verdict, names: Sequence[str]) -> Cell:
+    """Return the probability that it feels real without the subject who moves it most."""
+    whole = verdict.probability
+    known = {index: one for index, one in enumerate(verdict.without) if one is not None}
+    if not known:
+        return NOTHING
+    index = max(known, key=lambda index: abs(known[index] - whole))
+    return (*value(known[index], 3, "percent"), f" without {names[index]}")

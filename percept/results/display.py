@@ -252,6 +252,9 @@ class Verdict(NotebookRecord):
     # None where either method decides, and without a joint law of the subjects' values.
     more: MoreSubjects | None = None
     leaning: Leaning | None = None  # None where no row of the environment looks mistyped
+    #: Posterior probability without each subject, in the order of `LeftOut`; None where the draws
+    #: do not tell. Empty without checks.
+    without: tuple[float | None, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from percept.boundary.shares import Users
 from percept.errors import RefusalError
 from percept.inference.checks.predictive import (
     STATISTICS,
@@ -15,6 +16,7 @@ from percept.inference.checks.predictive import (
     leave_one_out,
     new_studies,
     predict_left_out,
+    smoothed_subjects,
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
@@ -28,8 +30,9 @@ from percept.results import (
     SubjectCheck,
 )
 from percept.sessions.quantities import Quantities
-from percept.study.basics import Stream, generator, known
+from percept.study.basics import Array, Stream, generator, known
 from percept.study.fit import Fit
+from percept.study.verdicts import MOST_DRAWS
 
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is
 #: looked at.
@@ -74,6 +77,49 @@ def _intervals_without(fit: Fit, subjects: SubjectDensity, loo: Loo) -> Iterator
         for name, values in {"lower": lower, "estimate": estimate, "upper": upper}.items():
             ends[name] = tuple(known(value) for value in values[:, c].tolist())
         yield IntervalWithout(environment=environment, parameter=parameter, **ends)
+
+
+def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
+    """Weights of the draws of users without each subject, (S, N), by environment.
+
+    They are one over the density of the subject's data given scales, locations and the other
+    subjects; NaN of subjects without whom they cannot be trusted. There are none of a model that
+    knows no subjects.
+    """
+    subjects = fit.subjects
+    if isinstance(subjects, Skipped):
+        return {}
+    # The scales that the users were drawn with.
+    points = generator(fit.data.asked.seed, Stream.USERS).permutation(fit.points)[:MOST_DRAWS]
+    left = [subjects.left_out(laws) for _, laws in subjects.batches(points)]
+    location, sd, covariance, log_density = (
+        np.concatenate([getattr(part, name) for part in left])
+        for name in ("location", "location_sd", "covariance", "log_density")
+    )
+    found: dict[str, Array] = {}
+    if not np.isfinite(log_density).all():
+        return found
+    laws = subjects.density.joint(points, subjects.density.pair_rows)
+    for j, environment in enumerate(fit.environments):
+        cells = [fit.column[name, environment] for name in ("k", "b")]
+        scale = fit.scale.at(cells)
+        drawn = users[environment].mean.T
+        responses = (drawn - (np.log(scale.origin) if scale.log else scale.origin)) / scale.unit
+        of_all = _log_normal(responses - laws.mean[:, j], laws.location[:, j])
+        without = np.empty((*covariance.shape[:2], 2, 2))
+        without[..., 0, 1] = without[..., 1, 0] = covariance[..., j]
+        without[..., [0, 1], [0, 1]] = np.square(sd[..., j])
+        of_others = _log_normal(responses[:, None] - location[..., j], without)
+        loo = smoothed_subjects(log_density + of_all[:, None] - of_others, points)
+        found[environment] = np.where(loo.trusted, loo.weights, np.nan)
+    return found
+
+
+def _log_normal(deviation: Array, covariance: Array) -> Array:
+    """Log density of pairs (..., 2) of a normal law, but for a constant."""
+    solved = np.linalg.solve(covariance, deviation[..., None])[..., 0]
+    _, log_determinant = np.linalg.slogdet(covariance)
+    return -0.5 * ((deviation * solved).sum(axis=-1) + log_determinant)
 
 
 def subject_tables(

@@ -27,7 +27,7 @@ from percept.results import (
     ZWidth,
 )
 from percept.study.band import Banded, band_study, with_band
-from percept.study.basics import select
+from percept.study.basics import Array, select
 from percept.study.boundaries import (
     JOINTS,
     BoundaryDrawing,
@@ -239,7 +239,14 @@ class Displayed(Inferred):
         if self.setup is None:
             return ()
         stable = {(row.environment, row.coupled): row.stable for row in self.rendering}
-        judged = study_verdicts(self.setup, self.users, self.subjects, self.scene, stable=stable)
+        weights: dict[str, Array] = {}
+        if self.scene.checks is not None and self.passed is not None and self.users:
+            from percept.study.checks import weights_without
+
+            weights = weights_without(self.passed, self.users)
+        judged = study_verdicts(
+            self.setup, self.users, self.subjects, self.scene, stable=stable, weights=weights
+        )
         if not self.sessions.slips:
             return tuple(judged)
         return tuple(leaning_on_slips(judged, self.sessions, self._without_slips))

@@ -48,8 +48,8 @@ class ResponseScale:
             return cls(True, reference.ravel(), np.ones(reference.size))
         return cls(False, reference.ravel(), (reference if unit is None else unit).ravel())
 
-    def at(self, cell: int) -> ResponseScale:
-        """Return the scale of one cell."""
+    def at(self, cell: int | list[int]) -> ResponseScale:
+        """Return the scale of one cell, or of some."""
         return ResponseScale(self.log, self.origin[cell], self.unit[cell])
 
     def native(self, response: Array) -> Array:

@@ -37,7 +37,7 @@ from percept.results import (
 )
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
-from percept.study.basics import Array, Stream, generator
+from percept.study.basics import Array, Stream, generator, known
 from percept.study.data import Data
 from percept.study.device import Setup
 from percept.study.regions import SubjectPairs
@@ -52,7 +52,7 @@ _VERDICT_COLUMNS = (
     "environment", "coupled", "method", "rendered", "outcome", "probability", "more",
 )  # fmt: skip
 #: Most draws of the posterior: a probability of 0.95 is known to 0.003 by them.
-_MOST_DRAWS = 4096
+MOST_DRAWS = 4096
 #: Half of a resonance's width against the SD of log k between users, and its least.
 _HALF_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
@@ -109,7 +109,7 @@ def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
     Models that have no joint law of stiffness and damping let them vary independently.
     """
     rng = generator(asked.seed, Stream.USERS)
-    points = rng.permutation(fit.points)[:_MOST_DRAWS]
+    points = rng.permutation(fit.points)[:MOST_DRAWS]
     parts = fit.model.split(points)
     draw = _joint_draws if len(parts) == 1 else _separate_draws
     users = {}
@@ -186,10 +186,12 @@ def study_verdicts(
     scene: Scene,
     *,
     stable: Mapping[tuple[str | None, bool], bool | None],
+    weights: Mapping[str, Array],
 ) -> Iterator[Verdict]:
     """Judge every reference, directly and through the coupling, at every ω of the scene's range.
 
-    `stable` says by environment, and whether through the coupling, if it can be rendered.
+    `stable` says by environment, and whether through the coupling, if it can be rendered. `weights`
+    are those of the users' draws without each subject, (D, N), where they are known.
     """
     for environment in setup.references:
         of_users = users.get(environment)
@@ -205,15 +207,24 @@ def study_verdicts(
         for coupled in (False, True) if setup.coupling is not None else (False,):
             display = setup.display(environment, coupled=coupled)
             evidence = together = parts = likely = None
+            without: list[float] = []
             if of_users is not None:
                 evidence = _by_posterior(setup, environment, of_users, scene, coupled=coupled)
                 renders = stable.get((environment, coupled))
                 together = _stable_and_real(setup, display, evidence, stable=renders)
+                if environment in weights:
+                    judged = weights[environment][: evidence.draws]
+                    without = (evidence.real @ judged / judged.sum(axis=0)).tolist()
             if of_subjects is not None and scene.inference.method != "bayesian":
                 parts, likely = _by_subjects(of_subjects, display, omega, scene)
             if evidence is not None or parts is not None:
                 verdict = _verdict(environment, of_subjects, evidence, parts, likely, scene)
-                yield dataclasses.replace(verdict, coupled=coupled, stable_and_real=together)
+                yield dataclasses.replace(
+                    verdict,
+                    coupled=coupled,
+                    stable_and_real=together,
+                    without=tuple(map(known, without)),
+                )
 
 
 def _by_posterior(

@@ -8,8 +8,10 @@ import percept
 from percept import Scene, Study, read_sessions
 from percept.inference.checks.predictive import Loo, Predicted
 from percept.results import Skipped
+from percept.sessions import Sessions
 from percept.study.checks import subject_tables
 from tests import DATASETS
+from tests.fits import SHARED
 from tests.study.checked import study_of, table_of
 
 
@@ -81,22 +83,35 @@ def test_false_alarms_are_shared_among_the_subjects(clean):
     assert [check.outlier for check in found.subjects] == [True] + [False] * 9
 
 
-def test_intervals_without_a_subject_are_those_of_a_fit_without_it():
-    """S07 lies off in one environment; its weights can be trusted."""
-    table = table_of(subjects=12, seed=3)
-    off = (table["subject"] == "S07") & (table["environment"] == "VE2")
-    table.loc[off, "k_adj"] *= np.exp(0.3)
-    checks = study_of(table, checks={}, tolerance=0.05).checks
-    subject = [check.subject for check in checks.loo.subjects].index("S07")
-    others = table[table["subject"] != "S07"]
-    refit = study_of(others, tolerance=0.05).intervals.query("method == 'bayesian'")
-    means = refit[refit["kind"] == "mean"].set_index("environment")
-    for row in checks.without:
-        wanted = np.log(means.loc[row.environment, ["lower", "estimate", "upper"]].astype(float))
+def test_headlines_without_a_subject_are_those_of_a_fit_without_it():
+    """The average user's intervals, and the probability that what is displayed feels real."""
+    references = [[100.0, 1e3], [1.0, 5.0]]
+    table = table_of(("k", "b"), subjects=12, seed=3, references=references)
+    tables = {
+        "device": {"mass": 1.0, "damping": 5.0, "period": 0.001},
+        "coupling": {"stiffness": 5e3, "damping": 20.0},
+        "inference": {"method": "bayesian", "tolerance": 0.05, "seed": 7},
+    }
+    whole = Study(Sessions.from_frame(table), Scene(**tables, checks={}), store=SHARED)
+    others = Sessions.from_frame(table[table["subject"] != "S01"])
+    refit = Study(others, Scene(**tables), store=SHARED)
+    subject = whole.sessions.subjects.index("S01")
+    means = refit.intervals.query("kind == 'mean'").set_index(["environment", "parameter"])
+    for row in whole.checks.without:
+        cell = (row.environment, row.parameter)
+        wanted = np.log(means.loc[cell, ["lower", "estimate", "upper"]].astype(float))
         found = np.log([row.lower[subject], row.estimate[subject], row.upper[subject]])
         half = 0.5 * (wanted["upper"] - wanted["lower"])
         # Both have errors of some hundredths of a half-width.
         np.testing.assert_allclose(found, wanted, atol=0.15 * half)
+    (before,), (without,) = (
+        [one for one in study.verdict_rows if one.environment == "VE2" and one.coupled]
+        for study in (whole, refit)
+    )
+    error = np.hypot(before.bayesian.error, without.bayesian.error)
+    assert abs(before.without[subject] - without.probability) < 3.0 * error
+    assert abs(before.probability - without.probability) > 4.0 * error
+    assert refit.verdict_rows[0].without == ()
 
 
 def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):

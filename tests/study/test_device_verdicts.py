@@ -39,7 +39,7 @@ def known(study: Study, covariance: list[list[float]]):
 def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bool) -> None:
     """At the point device's frequencies the probability was .02 too large, and nothing decided."""
     setup, scene = known(fitted, [[0.25, 0.0], [0.0, 0.25]])
-    verdicts = study_verdicts(setup, fitted.users, fitted.subjects, scene, stable={})
+    verdicts = study_verdicts(setup, fitted.users, fitted.subjects, scene, stable={}, weights={})
     (verdict,) = [row for row in verdicts if row.environment == "VE2" and row.coupled is coupled]
     evidence = verdict.bayesian
     assert evidence is not None
@@ -61,7 +61,7 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
 
 def test_a_coupling_is_stable_and_real_on_the_same_devices(fitted: Study) -> None:
     setup, scene = known(fitted, [[0.25, 0.0], [0.0, 16.0]])
-    verdicts = study_verdicts(setup, fitted.users, fitted.subjects, scene, stable={})
+    verdicts = study_verdicts(setup, fitted.users, fitted.subjects, scene, stable={}, weights={})
     (verdict,) = [row for row in verdicts if row.environment == "VE1" and row.coupled]
     evidence = verdict.bayesian
     assert evidence is not None

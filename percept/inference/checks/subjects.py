@@ -52,6 +52,7 @@ class LeftOut:
     standard: Array  # (W, N, P, J) Each cell mean less its predictive mean, in predictive SDs
     location: Array  # (W, N, P, J) Mean of every location
     location_sd: Array  # (W, N, P, J) Its SD
+    covariance: Array  # (W, N, J) Of the locations of the first and the last quantity
 
 
 class SubjectDensity:
@@ -111,6 +112,7 @@ class SubjectDensity:
             standard=np.full((width, *self._means.shape), np.nan),
             location=np.empty((width, *self._means.shape)),
             location_sd=np.empty((width, *self._means.shape)),
+            covariance=np.empty((width, self.subjects, self.environments)),
         )
         patterns = self.density.statistics.patterns
         for g, pattern in enumerate(patterns):
@@ -125,6 +127,7 @@ class SubjectDensity:
             predicted.distance[:, members] = given.distance
             predicted.location[:, members] = location
             predicted.location_sd[:, members] = np.sqrt(given.variance)[:, None]
+            predicted.covariance[:, members] = given.covariance[:, None]
             difference = means[:, :, present] - location[..., present]
             variance = variances.transpose(2, 0, 1) + given.variance[..., present]
             standard = difference / np.sqrt(variance)[:, None]
@@ -156,6 +159,7 @@ class _Given(NamedTuple):
     distance: Array  # (W, I) Squared
     learned: Array  # (W, I, P, J) What each subject adds to the mean of every location
     variance: Array  # (W, P, J) Of every location
+    covariance: Array  # (W, J) Of those of the first and the last quantity
 
 
 def _leave_out(
@@ -190,6 +194,7 @@ def _leave_out(
         distance=distance,
         learned=learned.reshape(*learned.shape[:2], *shape),
         variance=_squares(root).reshape(-1, *shape),
+        covariance=(root[..., : shape[1]] * root[..., -shape[1] :]).sum(axis=1),
     )
 
 
