@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import importlib.util
-import io
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +15,7 @@ import pandas as pd
 from percept.cache import digest, numbers_version
 from percept.checkpoint import Checkpoint
 from percept.errors import PerceptError, UsageError
-from percept.files import exclusive, inert, own_folder, whole_file
+from percept.files import exclusive, inert, own_folder, write_whole
 from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.sessions.inputs import expand, fitting, is_pattern, may_be_study
@@ -35,39 +33,37 @@ _FINISHED = "finished.jsonl"
 #: "withheld" and has classical rows only. "failed" is the fault of the machine or of an unreadable
 #: file, and a later run tries again.
 Status = Literal["done", "withheld", "refused", "failed"]
-TableFormat = Literal["csv", "parquet"]
 
-#: Columns of every result and their types: what became of the study, then its intervals in the unit
-#: of their quantity, one row each. A study without intervals has one row.
-COLUMNS = {
-    "study": "text",
-    "key": "text",
-    "status": "text",
-    "message": "text",
-    "subjects": "count",
-    "steps": "count",
-    "worst_error": "real",
-    "rhat": "real",
-    "effective_draws": "real",
-    "environment": "text",
-    "parameter": "text",
-    "kind": "text",
-    "method": "text",
-    "family": "text",
-    "joint": "text",
-    "level": "real",
-    "share": "real",
-    "confidence": "real",
-    "lower": "real",
-    "upper": "real",
-    "estimate": "real",
-    "n": "count",
-    "unit": "text",
-    "reference": "real",
-}
-
+#: Columns of every result: what became of the study, then its intervals in the unit of their
+#: quantity, one row each. A study without intervals has one row.
+COLUMNS = (
+    "study",
+    "key",
+    "status",
+    "message",
+    "subjects",
+    "steps",
+    "worst_error",
+    "rhat",
+    "effective_draws",
+    "environment",
+    "parameter",
+    "kind",
+    "method",
+    "family",
+    "joint",
+    "level",
+    "share",
+    "confidence",
+    "lower",
+    "upper",
+    "estimate",
+    "n",
+    "unit",
+    "reference",
+)
 _HEADER = ",".join(COLUMNS) + "\n"
-_WHOLE = {name: "Int64" for name, kind in COLUMNS.items() if kind == "count"}
+_COUNTS = dict.fromkeys(("subjects", "steps", "n"), "Int64")
 
 
 @dataclass(frozen=True)
@@ -86,9 +82,9 @@ def encode(
     if rows is None or rows.empty:
         rows = pd.DataFrame(index=[0])
     rows = rows.assign(study=study, key=key, status=status, message=message)
-    rows = rows.reindex(columns=list(COLUMNS)).astype(_WHOLE)
-    for name, kind in COLUMNS.items():
-        if kind == "text":
+    rows = rows.reindex(columns=list(COLUMNS)).astype(_COUNTS)
+    for name in rows:
+        if not pd.api.types.is_numeric_dtype(rows[name]):
             rows[name] = rows[name].map(inert, na_action="ignore")
     return Outcome(status, message, rows.to_csv(index=False, header=False, lineterminator="\n"))
 
@@ -228,7 +224,6 @@ def run_batch(
     out: str | Path,
     mapper: Mapper,
     *,
-    table_format: TableFormat = "csv",
     progress: Callable[[Summary], None] | None = None,
     force: bool = False,
 ) -> Summary:
@@ -244,8 +239,6 @@ def run_batch(
         Folder of the results, made where it does not exist.
     mapper : Mapper
         The workers.
-    table_format : {"csv", "parquet"}
-        Of the table of all studies. Parquet needs the extra ``tables``.
     progress : callable, optional
         Told what the batch has come to, after every study.
     force : bool
@@ -258,16 +251,8 @@ def run_batch(
     Raises
     ------
     UsageError
-        The folder cannot be used, holds files that percept did not write, or Parquet is asked for
-        and pyarrow is not installed.
+        The folder cannot be used, or holds files that percept did not write.
     """
-    if table_format == "parquet" and importlib.util.find_spec("pyarrow") is None:
-        raise UsageError(
-            "a Parquet table needs pyarrow, which is not installed.",
-            key="--format",
-            value="parquet",
-            hint="Install the extra, percept-haptics[tables], or leave --format out.",
-        )
     folder = own_folder(out, force=force)
     with exclusive(folder, wait=False):
         kept = Checkpoint(folder / _FINISHED, "batch", what="analysed")
@@ -276,9 +261,8 @@ def run_batch(
             if isinstance(outcome, Exception):
                 outcome = _failed(job.name, job.key, outcome)
             batch.finish(job.name, job.key, outcome)
-        batch.summary.table = folder / f"batch.{table_format}"
-        with whole_file(batch.summary.table) as aside:
-            _write_table(batch.rows(), aside, table_format)
+        batch.summary.table = folder / "batch.csv"
+        write_whole(batch.summary.table, batch.rows().encode())
     return batch.summary
 
 
@@ -340,15 +324,3 @@ class _Batch:
             self.summary.inaccurate.append((name, outcome.message))
         if self.progress:
             self.progress(self.summary)
-
-
-def _write_table(text: str, path: Path, table_format: TableFormat) -> None:
-    """Write rows of CSV as they are, or as a Parquet table."""
-    if table_format == "csv":
-        path.write_bytes(text.encode())
-        return
-    # An environment may be called "NA".
-    table = pd.read_csv(io.StringIO(text), dtype=str, keep_default_na=False, na_values=[""])
-    # Numbers of Python's own reader have every digit.
-    numbers = {name: float for name, kind in COLUMNS.items() if kind != "text"}
-    table.astype(numbers).astype(_WHOLE).to_parquet(path, index=False)

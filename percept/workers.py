@@ -339,15 +339,13 @@ def on_cluster(client: Client) -> Mapper:
     return _map_on(opened, partial(_room, client), KilledWorker)
 
 
-def require_same_code(client: Client, version: str | None = None) -> None:
+def require_same_code(client: Client) -> None:
     """Refuse workers, also those that come later, with other code or packages than this process.
 
     Parameters
     ----------
     client : distributed.Client
         Connected to the cluster.
-    version : str, optional
-        What they must have, this process's own by default.
 
     Raises
     ------
@@ -358,7 +356,7 @@ def require_same_code(client: Client, version: str | None = None) -> None:
 
     # All of percept's code: a worker that differs in any of it is not asked whether the difference
     # counts.
-    required = version or numbers_version(".")
+    required = numbers_version(".")
 
     class SameCode(WorkerPlugin):  # type: ignore[misc]
         name = f"percept {required}"

@@ -257,14 +257,7 @@ def _batch(arguments: argparse.Namespace) -> int:
             words = f"{finished} of {summary.studies} studies, {bad} refused or failed"
             working.show(words, finished, summary.studies)
 
-        summary = run_batch(
-            studies,
-            arguments.out,
-            mapper,
-            table_format=arguments.format,
-            progress=show,
-            force=arguments.force,
-        )
+        summary = run_batch(studies, arguments.out, mapper, progress=show, force=arguments.force)
     if arguments.json:
         print_json({**vars(summary), "table": str(summary.table)})
     else:
@@ -354,13 +347,6 @@ BATCH = Command(
         *SETTINGS,
         *WORKERS,
         folder("batch"),
-        argument(
-            "--format",
-            None,
-            "of the table of all studies (csv); parquet needs the extra tables",
-            choices=("csv", "parquet"),
-            default="csv",
-        ),
         JSON,
         FORCE,
     ),

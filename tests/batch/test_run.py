@@ -110,17 +110,6 @@ def test_a_second_batch_is_told_to_wait(studies, tmp_path):
     assert batch(studies[:1], out, in_process).counts == {"done": 1}
 
 
-def test_parquet_is_refused_before_anything_is_computed_without_its_package(
-    studies, tmp_path, capsys, monkeypatch
-):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    monkeypatch.delitem(sys.modules, "pyarrow.parquet", raising=False)
-    words = ["batch", studies[0], "--format", "parquet", "--workers", "1"]
-    assert main([*words, "--out", str(tmp_path / "out")]) == 2
-    assert "percept-haptics[tables], or leave --format out" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_command(studies, tmp_path, capsys):
     words = ["--method", "classical", "--workers", "1", "--out", str(tmp_path / "out")]
     assert main(["batch", *studies, *words]) == 1
