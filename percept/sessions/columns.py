@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
@@ -79,7 +79,7 @@ def resolve(grid: Grid, options: ReadOptions) -> Resolution:
     _refuse_missing(grid, rules)
     if not summary and not any("{environment}" in rule.name for rule in rules.values()):
         announced += _named_by_reference(rules, options)
-    slots = tuple(_slots(grid, rules, options))
+    slots = _slots(grid, rules, options)
     return Resolution("summary" if summary else "trials", slots, rules, tuple(announced))
 
 
@@ -159,34 +159,29 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.casefold()).strip("_")
 
 
-def _slots(grid: Grid, rules: _Rules, options: ReadOptions) -> Iterator[Slot]:
+def _slots(grid: Grid, rules: _Rules, options: ReadOptions) -> tuple[Slot, ...]:
     """Give the one slot of a long table, or those that the names of a wide one hold."""
     wide = {name: rule for name, rule in rules.items() if _IN_NAMES.search(rule.name)}
     common = {name: grid.position(rules[name].name) for name in rules if name not in wide}
-    alone: dict[str, str] = {}
-    if "environment" not in rules and not any("{environment}" in r.name for r in wide.values()):
-        alone = _alone(rules, options)
+    alone = _alone(rules, options)
     if not wide:
-        yield Slot(common, alone)
-        return
+        return (Slot(common, alone),)
     taken = {rule.name for rule in rules.values()} | _named_apart(rules, options)
     places: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
     for canonical, rule in wide.items():
         pattern = re.compile(_ID.sub(_group, re.escape(rule.name)), re.DOTALL)
         # "{environment}" alone fits every column: those are meant that the scene declares.
-        bare = rule.name == "{environment}" and options.environments
+        declared = options.environments if rule.name == "{environment}" else {}
         for name in grid.header:
-            if name in taken or (bare and name not in options.environments):
-                continue
-            if match := pattern.fullmatch(name):
+            match = pattern.fullmatch(name)
+            if match and name not in taken and (not declared or name in declared):
                 ids = tuple(match.groupdict().items())
                 places.setdefault(ids, {})[canonical] = grid.position(name)
     if not places:
         message = "no column fits the pattern in [columns]."
-        first = next(iter(wide.values())).name
-        raise grid.error(message, first, f"The columns are {shown(grid.header)}.")
-    for ids, own in places.items():
-        yield Slot({**common, **own}, {**alone, **dict(ids)})
+        name = next(iter(wide.values())).name
+        raise grid.error(message, name, f"The columns are {shown(grid.header)}.")
+    return tuple(Slot({**common, **own}, {**alone, **dict(ids)}) for ids, own in places.items())
 
 
 def _group(match: re.Match[str]) -> str:
@@ -196,6 +191,8 @@ def _group(match: re.Match[str]) -> str:
 
 def _alone(rules: _Rules, options: ReadOptions) -> dict[str, str]:
     """Name the one environment that needs no column, if there can be only one."""
+    if "environment" in rules:
+        return {}
     names = list(options.environments)
     adjusted = [q for name, q in options.quantities.items() if f"{name}_adj" in rules]
     nothing_matched = bool(adjusted) and not any(quantity.is_matched for quantity in adjusted)

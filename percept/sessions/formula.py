@@ -54,11 +54,9 @@ def terms_of(formula: str, *, key: str) -> tuple[Term, ...]:
         # Python has no binary ":"; its power binds tighter than "*" too.
         tree = ast.parse(formula.replace(":", "**").strip(), mode="eval")
         terms = _expanded(tree.body)
-    except _TooManyTermsError:
-        hint = "Name the interactions that matter, as in a + b + a:b."
-        raise UsageError(
-            f"has more than {_MOST_TERMS} terms.", key=key, value=formula, hint=hint
-        ) from None
+    except UsageError as error:
+        error.key, error.value = key, formula
+        raise
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         hint = 'Join names of columns by +, : or *, as in "hand * load + start".'
         raise UsageError("is not a formula.", key=key, value=formula, hint=hint) from None
@@ -70,10 +68,6 @@ def terms_of(formula: str, *, key: str) -> tuple[Term, ...]:
                 hint = f"Write {' * '.join(term)} instead of {' : '.join(term)}."
                 raise UsageError(message, key=key, value=formula, hint=hint)
     return tuple(sorted(terms, key=len))
-
-
-class _TooManyTermsError(Exception):
-    """A formula expands to more terms than anybody wrote."""
 
 
 def _expanded(node: ast.expr) -> list[Term]:
@@ -95,7 +89,8 @@ def _expanded(node: ast.expr) -> list[Term]:
         raise ValueError
     terms = list(dict.fromkeys(terms))
     if len(terms) > _MOST_TERMS:
-        raise _TooManyTermsError
+        hint = "Name the interactions that matter, as in a + b + a:b."
+        raise UsageError(f"has more than {_MOST_TERMS} terms.", hint=hint)
     return terms
 
 

@@ -106,7 +106,7 @@ class Grid:
         self, message: str, column: str, hint: str, kind: type[UsageError] = UsageError
     ) -> UsageError:
         """Return an error about a column of the header."""
-        return kind(message, file=self.file, row=1, column=column, hint=hint)
+        return kind(message, file=self.file, row=self.header_row, column=column, hint=hint)
 
     def rows(self) -> Rows:
         """Give the rows of data, once."""
@@ -267,4 +267,4 @@ def refuse_headless(grid: Grid) -> None:
             "Write the names of the columns in a line above it, such as"
             " subject,environment,trial,k_ref,k_adj."
         )
-        raise LayoutError(message, file=grid.file, row=1, hint=hint)
+        raise LayoutError(message, file=grid.file, row=grid.header_row, hint=hint)

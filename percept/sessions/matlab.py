@@ -24,7 +24,7 @@ _MATRIX = 14
 _COMPRESSED = 15
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"}
 _NUMBERS |= {12: "i8", 13: "u8"}
-_TEXTS = {2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+_TEXTS = {2: "latin-1", 4: "utf-16-le", 16: "utf-8", 17: "utf-16-le", 18: "utf-32-le"}
 #: Classes of arrays. Those of numbers follow on 6.
 _CELL = 1
 _STRUCT = 2
@@ -83,28 +83,25 @@ def _variables(data: bytes, file: str, limits: FileLimits) -> Iterator[tuple[str
         message = "a MATLAB file of version 7.3, which percept does not read."
         hint = "Save it in MATLAB as save('T.mat', '-v7'), or by writetable(T, 'T.csv')."
         raise UsageError(message, file=file, hint=hint)
-    order = "<" if data[_HEADER - 2 : _HEADER] == b"IM" else ">"
     content = bytearray()
-    for kind, packed in _elements(memoryview(data)[_HEADER:], order, padded=False):
+    for kind, packed in _elements(memoryview(data)[_HEADER:], padded=False):
         if kind == _COMPRESSED:
             room = limits.size + 1 - len(content)
             content += zlib.decompressobj().decompress(packed, room)
         else:
-            content += struct.pack(f"{order}II", kind, len(packed)) + packed
+            content += struct.pack("<II", kind, len(packed)) + packed
         limits.hold_size(len(content), file)
-    arrays = _Arrays(order, file, limits)
-    for kind, element in _elements(memoryview(content), order):
+    arrays = _Arrays(file, limits)
+    for kind, element in _elements(memoryview(content)):
         if kind == _MATRIX and element:
             yield arrays.read(element)
 
 
-def _elements(
-    data: memoryview, order: str, *, padded: bool = True
-) -> Iterator[tuple[int, memoryview]]:
+def _elements(data: memoryview, *, padded: bool = True) -> Iterator[tuple[int, memoryview]]:
     """Give each element's kind and bytes."""
     at = 0
     while at < len(data):
-        kind, size = struct.unpack_from(f"{order}II", data, at)
+        kind, size = struct.unpack_from("<II", data, at)
         start = at + 8
         at = start + size + (-size % 8 if padded else 0)
         if kind >> 16:
@@ -121,18 +118,17 @@ def _elements(
 class _Arrays:
     """Reads arrays of one file."""
 
-    order: str  # "<" or ">", of bytes
     file: str
     limits: FileLimits
 
     def read(self, data: memoryview) -> tuple[str, Any]:
         """Read one array: its name and value."""
-        (_, flags), (_, second), *rest = _elements(data, self.order)
-        (flag,) = struct.unpack_from(f"{self.order}I", flags)
+        (_, flags), (_, second), *rest = _elements(data)
+        (flag,) = struct.unpack_from("<I", flags)
         kind = flag & 0xFF
         if kind == _OBJECT:
             raise self._object(bytes(second).decode(), bytes(rest[1][1]).decode())
-        shape = tuple(np.frombuffer(second, f"{self.order}i4"))
+        shape = tuple(np.frombuffer(second, "<i4"))
         name = bytes(rest[0][1]).decode()
         values = rest[1:]
         if kind == _CELL:
@@ -148,7 +144,7 @@ class _Arrays:
             # A function, a sparse array or complex numbers are no column.
             return name, ""
         element, packed = values[0]
-        numbers = np.frombuffer(packed, f"{self.order}{_NUMBERS[element]}")
+        numbers = np.frombuffer(packed, f"<{_NUMBERS[element]}")
         numbers = numbers.reshape(shape, order="F")
         self.limits.hold_table(1, numbers.size, self.file)
         return name, numbers.ravel() if 1 in shape else numbers
@@ -156,7 +152,7 @@ class _Arrays:
     def _structs(self, values: Sequence[tuple[int, memoryview]]) -> Any:
         """Read the fields of a struct, or of an array of structs."""
         (_, length), (_, packed), *fields = values
-        (each,) = struct.unpack_from(f"{self.order}i", length)
+        (each,) = struct.unpack_from("<i", length)
         texts = [bytes(packed[at : at + each]) for at in range(0, len(packed), each)]
         names = [text.split(b"\0")[0].decode() for text in texts]
         cells = [self.read(element)[1] for _, element in fields]
@@ -168,9 +164,7 @@ class _Arrays:
         return structs[0] if len(structs) == 1 else structs or {name: [] for name in names}
 
     def _text(self, kind: int, data: memoryview) -> str:
-        encoding = _TEXTS[kind]
-        byte_order = "-le" if self.order == "<" else "-be"
-        return bytes(data).decode(encoding + byte_order * encoding.startswith(("utf-16", "utf-32")))
+        return bytes(data).decode(_TEXTS[kind])
 
     def _object(self, name: str, kind: str) -> UsageError:
         """Say how an object of MATLAB's own is saved."""

@@ -36,12 +36,7 @@ def clip(value: str, length: int = _CLIPPED) -> str:
 
 def shown(names: Sequence[str], limit: int = 12) -> str:
     """List names from a file in a message: quoted, control characters escaped, clipped."""
-    labels = [clip(name) for name in names[:limit]]
-    if len(set(labels)) < len(set(names[:limit])):
-        # Names of a series differ at their ends.
-        half = _CLIPPED // 2
-        labels = [f"{name[:half]}…{name[-half:]}" for name in names[:limit]]
-    listed = ", ".join(map(repr, labels))
+    listed = ", ".join(repr(clip(name)) for name in names[:limit])
     more = len(names) - limit
     return f"{listed} and {more} more" if more > 0 else listed
 

@@ -30,7 +30,7 @@ from percept.sessions.records import (
     shown,
 )
 from percept.sessions.text import text_grid
-from percept.sessions.typed import grid_of, is_typed, sheets, typed_grid
+from percept.sessions.typed import grid_of, sheets, typed_grid
 from percept.sessions.values import SPACE, decimal_mark, parse_numbers
 
 #: Rows that are taken from a file at a time: so few that they die before Python looks for garbage.
@@ -268,8 +268,8 @@ def _second_header(grid: Grid, column: str, word: str) -> LayoutError:
 
 def read_grid(entry: Input, options: ReadOptions, notices: list[Notice]) -> Grid:
     """Give the cells of one input, whatever its format."""
-    if is_typed(entry):
-        return typed_grid(entry, options.files)
+    if (grid := typed_grid(entry, options.files)) is not None:
+        return grid
     text, encoding = decode(entry, options.sessions.encoding)
     if encoding == "cp1252" and options.sessions.encoding is None:
         notices.append(Notice("not UTF-8; read as Windows-1252", entry.name))

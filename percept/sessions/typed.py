@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from percept.sessions.inputs import Input, is_workbook, load
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, shown
 from percept.sessions.text import refuse_half
-from percept.sessions.values import unique_keys
+from percept.sessions.values import loaded_json
 
 #: The header, then the rows.
 _Table = list[Sequence[Any]]
@@ -38,19 +39,6 @@ _BEGINNING = 256
 #: Bytes of one cell of a database: more than any mouse track has.
 _LONGEST_CELL = 16 << 20
 _MAKE_FRAME = 'In R: write.csv(as.data.frame(OBJECT), "data.csv"), then read data.csv.'
-
-
-def is_typed(entry: Input) -> bool:
-    """Whether a file holds typed values instead of delimited text."""
-    reader = _reader(entry)
-    beginning = entry.data[:_BEGINNING]
-    # MATLAB 4 has no header, and Octave has formats of its own.
-    unread = beginning.startswith((b"Octave-1-", b"# Created by Octave"))
-    unread |= entry.name.casefold().endswith(".mat") and b"\0" in beginning
-    if reader is None and unread:
-        message = "not a MATLAB file that percept reads (versions 5 to 7)."
-        raise UsageError(message, file=entry.name, hint="In Octave, save with -v7.")
-    return reader is not None
 
 
 def _reader(entry: Input) -> _Reader | None:
@@ -92,15 +80,24 @@ def csv_frame(path: str, limits: FileLimits) -> pd.DataFrame:
     return table
 
 
-def typed_grid(entry: Input, limits: FileLimits) -> Grid:
-    """Read the header and rows of a table, and write their values as text.
+def typed_grid(entry: Input, limits: FileLimits) -> Grid | None:
+    """Read the header and rows of a table, and write their values as text; None for plain text.
 
     Raises
     ------
     UsageError
         The file is broken, lacks the part, passes a limit, or needs a package that is missing.
     """
-    reader = _reader(entry) or _sheet
+    reader = _reader(entry)
+    beginning = entry.data[:_BEGINNING]
+    # MATLAB 4 has no header, and Octave has formats of its own.
+    unread = beginning.startswith((b"Octave-1-", b"# Created by Octave"))
+    unread |= entry.name.casefold().endswith(".mat") and b"\0" in beginning
+    if reader is None and unread:
+        message = "not a MATLAB file that percept reads (versions 5 to 7)."
+        raise UsageError(message, file=entry.name, hint="In Octave, save with -v7.")
+    if reader is None:
+        return None
     with _refusing(entry):
         rows = reader(entry, limits)
     return grid_of(rows, entry.name, limits, has_notes=reader is _sheet)
@@ -278,9 +275,9 @@ def _json(entry: Input, limits: FileLimits) -> _Table:
     """Read records: a list of objects, one behind each key, columns as lists, or JSON Lines."""
     text = entry.data.decode("utf-8-sig")
     try:
-        values = [_loaded(text)]
+        values = [loaded_json(text)]
     except ValueError:
-        values = [_loaded(line) for line in text.splitlines() if line.strip()]
+        values = [loaded_json(line) for line in text.splitlines() if line.strip()]
     if len(values) == 1 and isinstance(values[0], dict):
         lists = {key: value for key, value in values[0].items() if isinstance(value, list)}
         if any(value and not isinstance(value[0], dict) for value in lists.values()):
@@ -306,17 +303,6 @@ def _flat(values: Sequence[Any]) -> Iterator[Any]:
             yield from _flat(value)
         else:
             yield value
-
-
-def _loaded(text: str) -> Any:
-    """Read JSON; numbers stay as they are written."""
-    return json.loads(
-        text,
-        parse_float=str,
-        parse_int=str,
-        parse_constant=str,
-        object_pairs_hook=unique_keys,
-    )
 
 
 def _json_cell(value: Any) -> str:
@@ -368,25 +354,20 @@ def _r(entry: Input, limits: FileLimits) -> _Table:
     """Read a data frame of an .rds, .rda or .RData file."""
     import rdata
 
+    made = 0
+
+    def within_limits(construct: Callable[[Any], Any], state: Any) -> Any:
+        """Make a sequence, which R writes as its length alone, unless it passes a limit."""
+        nonlocal made
+        length = int(state.value[0])
+        made += length
+        limits.hold_table(length, 1, entry.name)
+        limits.hold_table(1, made, entry.name)
+        return construct(state)
+
     constructors = dict(rdata.parser.DEFAULT_ALTREP_MAP)
-
-    sequences = 0
-
-    def bounded(construct: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """Hold sequences, which R writes as their lengths alone, before they are made."""
-
-        def within_limits(state: Any) -> Any:
-            nonlocal sequences
-            length = int(state.value[0])
-            sequences += length
-            limits.hold_table(length, 1, entry.name)
-            limits.hold_table(1, sequences, entry.name)
-            return construct(state)
-
-        return within_limits
-
     for name in (b"compact_intseq", b"compact_realseq"):
-        constructors[name] = bounded(constructors[name])
+        constructors[name] = partial(within_limits, constructors[name])
     parsed = rdata.parser.parse_data(
         entry.data,
         altrep_constructor_dict=constructors,

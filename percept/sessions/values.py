@@ -202,9 +202,7 @@ def pick(cell: str, path: str) -> str | None:
         return ""
     text = _NUMPY.sub(r"\1", cell)
     try:
-        value = json.loads(
-            text, parse_float=str, parse_int=str, parse_constant=str, object_pairs_hook=unique_keys
-        )
+        value = loaded_json(text)
     except (json.JSONDecodeError, RecursionError):
         raise CellError("not a JSON record or list") from None
     for step in path.split("."):
@@ -221,7 +219,14 @@ def pick(cell: str, path: str) -> str | None:
     return value or ""
 
 
-def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def loaded_json(text: str) -> Any:
+    """Read JSON; numbers stay as they are written, and a record has no key twice."""
+    return json.loads(
+        text, parse_float=str, parse_int=str, parse_constant=str, object_pairs_hook=_unique_keys
+    )
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Make a JSON record, and refuse one that has a key twice."""
     record = dict(pairs)
     if len(record) < len(pairs):

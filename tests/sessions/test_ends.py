@@ -8,7 +8,6 @@ import tomllib
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from percept.cli import main
 from percept.errors import UsageError
@@ -79,34 +78,6 @@ def test_limits_that_leave_nothing_or_are_none_say_so(tmp_path):
         read_sessions(path, scene=options([0.0, 100.0]))
     with pytest.raises(UsageError, match="the lower of the two limits comes first"):
         options([100.0, 0.0])
-
-
-def test_the_report_names_what_its_intervals_leave_out(tmp_path):
-    rng = np.random.default_rng(5)
-    set_to = {s: np.clip(90 * rng.lognormal(0, 0.15, 3), 0, 100) for s in range(9)}
-    rows = [f"{s},w,{t},90,{v:.3f}" for s, values in set_to.items() for t, v in enumerate(values)]
-    path = tmp_path / "s.csv"
-    path.write_text("\n".join(["subject,environment,trial,p_ref,p_adj", *rows]) + "\n")
-    scene = tmp_path / "s.toml"
-    scene.write_text('[quantities.p]\nunit = "percent"\nlimits = [-inf, 100]\n')
-    out = tmp_path / "out"
-    arguments = [str(path), "--scene", str(scene), "--method", "classical", "--quiet"]
-    assert main(["fit", *arguments, "--out", str(out)]) == 0
-    document = json.loads((out / "fit.json").read_text())
-    at_end = sum(int((values >= 100).sum()) for values in set_to.values())
-    assert at_end > 0
-    assert any(f"{at_end} values of 27" in note["text"] for note in document["data"]["notices"])
-    assert document["provenance"]["scene"]["quantities"]["p"]["limits"] == ["-inf", 100.0]
-    # The interval of the mean is SciPy's over the subjects' means of what is left.
-    means = [np.mean([round(v, 3) for v in values if v < 100]) for values in set_to.values()]
-    expected = stats.t.interval(0.99, len(means) - 1, np.mean(means), stats.sem(means))
-    (interval,) = [
-        row
-        for row in document["intervals"]
-        if (row["kind"], row["family"], row["method"]) == ("mean", "normal", "classical")
-        and row["joint"] == "marginal"
-    ]
-    np.testing.assert_allclose([interval["lower"], interval["upper"]], expected, rtol=1e-12)
 
 
 def test_intervals_say_what_they_leave_out(tmp_path, capsys):

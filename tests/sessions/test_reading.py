@@ -111,6 +111,13 @@ READ = {
         [["wall", 300.0]],
         None,
     ),
+    "nothing matched, and no environments": (
+        "subject,x_adj\n1,11\n2,12\n",
+        {"quantities": {"x": {"reference": "none"}}},
+        ["environment", "x_ref"],
+        [["all trials", 0.0], ["all trials", 0.0]],
+        None,
+    ),
     "an environment that no row has": (
         "subject,environment,k_adj\n1,soft,11\n",
         {"environments": WALLS},

@@ -167,83 +167,55 @@ def test_groups_are_not_pooled_in_silence(tmp_path):
     assert read_sessions(path, scene=ReadOptions().with_groups(["hand"])).warnings == ()
 
 
-def scale_warnings(tmp_path, unit, references, **tables):
-    path = tmp_path / "scale.csv"
-    rows = [f"{s},{r},{r},{r + s}" for s in range(1, 5) for r in references]
-    path.write_text("\n".join(["subject,environment,x_ref,x_adj", *rows]) + "\n")
-    scene = Scene(quantities={"x": {"label": "size", "unit": unit}}, **tables)
-    sessions = read_sessions(path, scene=scene)
-    return [warning.text for warning in sessions.warnings]
-
-
-ERRORS = (
-    'set x_ref = 0 in [environments], family = "normal" in [inference] and'
-    " scale = { x = 1.0 } in [model]."
+SIZE = {"x": {"label": "size", "unit": "dB"}}
+ERRORS = {"inference": {"family": "normal"}, "model": {"scale": {"x": 1.0}}}
+X = "subject,environment,x_ref,x_adj\n"
+SCALE = "".join(f"{s},{r},{r},{r + s}\n" for s in range(1, 6) for r in (40, 60))
+LOGARITHM = (
+    "size in dB is a logarithm, so that ratios of its values mean nothing. Analyse its errors"
+    " instead: give x_adj a column of adjusted − reference, set x_ref = 0 in [environments], family"
+    ' = "normal" in [inference] and scale = { x = 1.0 } in [model].'
 )
+#: Text, scene, and the beginnings of what is said.
+OF_SCENES = {
+    "decibels": (X + SCALE, {"quantities": SIZE}, [LOGARITHM]),
+    "hertz": (X + SCALE, {"quantities": {"x": {"unit": "Hz"}}}, []),
+    "errors in decibels": (
+        "subject,environment,x_adj\n1,a,2.5\n2,a,-1.5\n3,a,0.5\n",
+        {"quantities": SIZE, "environments": {"a": {"x_ref": 0.0}}, **ERRORS},
+        [],
+    ),
+    "a published table": (
+        "environment,parameter,reference,lower,upper,n,level\na,x,50,40,60,9,0.95\n",
+        {"quantities": SIZE},
+        [LOGARITHM],
+    ),
+    "groups of subjects": (
+        X + "".join(f"{s},{'ab'[s % 2]},14,{12 + s}\n" for s in range(1, 9)),
+        {"quantities": {"x": {}}},
+        ["each subject met one environment: environments are groups of subjects"],
+    ),
+    "a cell whose trials lie at a limit": (
+        X + SCALE,
+        {"quantities": {"x": {"limits": [0.0, 65.0]}}},
+        ["1 cell has no trial: '5 at 60'"],
+    ),
+    "a reference for every trial": (
+        X + "".join(f"{s},e{s}_{t},{t + s / 10},{t + 1}\n" for s in (1, 2) for t in range(1, 9)),
+        {"quantities": {"x": {}}},
+        ["16 of 16 environments have one trial: the reference seems to differ on", "16 cells"],
+    ),
+}
 
 
-@pytest.mark.parametrize(
-    ("unit", "references", "said"),
-    [
-        ("dB", (40.0, 60.0), "size in dB is a logarithm, so that ratios of its values mean"),
-        ("deg", (10.0, 45.0, 90.0), None),
-        ("Hz", (10.0, 350.0), None),
-    ],
-)
-def test_scales_without_ratios_say_what_to_set(tmp_path, unit, references, said):
-    found = scale_warnings(tmp_path, unit, references)
-    if said is None:
-        assert found == []
-    else:
-        (text,) = found
-        assert text.startswith(said)
-        assert text.endswith(ERRORS)
-
-
-def test_environments_of_different_subjects_are_groups_of_them(tmp_path):
-    path = tmp_path / "groups.csv"
-    rows = [f"{s},{'metres' if s % 2 else 'feet'},14,{12 + s}" for s in range(1, 9)]
-    path.write_text("\n".join(["subject,environment,x_ref,x_adj", *rows]) + "\n")
-    (said,) = read_sessions(path, scene=Scene(quantities={"x": {}})).warnings
-    assert str(said) == "each subject met one environment: environments are groups of subjects"
-
-
-def test_cells_whose_trials_lie_at_a_limit_had_some(tmp_path):
-    path = tmp_path / "ends.csv"
-    rows = [f"{s},{r},{r},{r + s}" for s in range(1, 6) for r in (40, 60)]
-    path.write_text("\n".join(["subject,environment,x_ref,x_adj", *rows]) + "\n")
-    scene = Scene(quantities={"x": {"limits": [0.0, 65.0]}})
-    (said,) = read_sessions(path, scene=scene).warnings
-    assert str(said) == "1 cell has no trial: '5 at 60'"
-
-
-def test_errors_of_a_scale_without_ratios_raise_no_warning(tmp_path):
-    path = tmp_path / "errors.csv"
-    path.write_text("subject,environment,x_adj\n1,a,2.5\n2,a,-1.5\n3,a,0.5\n")
-    scene = Scene(
-        quantities={"x": {"unit": "dB"}},
-        environments={"a": {"x_ref": 0.0}},
-        inference={"family": "normal"},
-        model={"scale": {"x": 1.0}},
-    )
-    assert read_sessions(path, scene=scene).warnings == ()
-
-
-def test_published_tables_have_scales_too(tmp_path):
-    path = tmp_path / "t.csv"
-    path.write_text("environment,parameter,reference,lower,upper,n,level\na,x,50,40,60,9,0.95\n")
-    scene = Scene(quantities={"x": {"unit": "dB"}})
-    (warning,) = read_sessions(path, scene=scene).warnings
-    assert "x in dB is a logarithm" in warning.text
-
-
-def test_references_that_differ_on_every_trial(tmp_path):
-    path = tmp_path / "t.csv"
-    rows = [f"{s},e{s}_{t},{t + s / 10},{t + 1}" for s in (1, 2) for t in range(1, 9)]
-    path.write_text("\n".join(["subject,environment,k_ref,k_adj", *rows]) + "\n")
-    text = read_sessions(path).warnings[0].text
-    assert text.startswith("16 of 16 environments have one trial: the reference seems to differ on")
-    assert text.endswith("give each condition one reference in [environments].")
+@pytest.mark.parametrize("case", OF_SCENES)
+def test_what_is_said_depends_on_the_scene(tmp_path, case):
+    text, tables, said = OF_SCENES[case]
+    path = tmp_path / "s.csv"
+    path.write_text(text)
+    found = [warning.text for warning in read_sessions(path, scene=Scene(**tables)).warnings]
+    assert len(found) == len(said)
+    assert all(text.startswith(start) for text, start in zip(found, said, strict=True))
 
 
 README_WALLS = ((560, 2.4), (610, 1.9), (530, 2.6), (640, 2.2), (585, 2.9))
