@@ -93,7 +93,12 @@ def _inside(rule: ColumnRule, header: Sequence[str]) -> ColumnRule:
     return rule
 
 
-def _by_name(grid: Grid, wanted: Sequence[str], rules: _Rules, options: ReadOptions) -> list[str]:
+def _by_name(
+    grid: Grid,
+    wanted: Sequence[str],
+    rules: _Rules,
+    options: ReadOptions,
+) -> list[str]:
     """Find the columns that no rule names by percept's names, or aliases; announce the latter."""
     claimed = {rule.name for rule in rules.values()}
     known = aliases(options.quantities)
@@ -181,7 +186,9 @@ def _slots(grid: Grid, rules: _Rules, options: ReadOptions) -> tuple[Slot, ...]:
         message = "no column fits the pattern in [columns]."
         name = next(iter(wide.values())).name
         raise grid.error(message, name, f"The columns are {shown(grid.header)}.")
-    return tuple(Slot({**common, **own}, {**alone, **dict(ids)}) for ids, own in places.items())
+    return tuple(
+        Slot(columns=common | columns, ids=alone | dict(ids)) for ids, columns in places.items()
+    )
 
 
 def _group(match: re.Match[str]) -> str:
@@ -202,7 +209,10 @@ def _alone(rules: _Rules, options: ReadOptions) -> dict[str, str]:
 
 
 def check_columns(
-    grid: Grid, present: Collection[str], options: ReadOptions, paths: Sequence[str]
+    grid: Grid,
+    present: Collection[str],
+    options: ReadOptions,
+    paths: Sequence[str],
 ) -> None:
     """Refuse a header that lacks what an analysis of trials needs; paths are as they were given."""
     missing = [column for column in ("subject", "environment") if column not in present]

@@ -103,7 +103,11 @@ class Grid:
         return f"The columns are {shown(self.header)}.{did_you_mean(name, self.header)}"
 
     def error(
-        self, message: str, column: str, hint: str, kind: type[UsageError] = UsageError
+        self,
+        message: str,
+        column: str,
+        hint: str,
+        kind: type[UsageError] = UsageError,
     ) -> UsageError:
         """Return an error about a column of the header."""
         return kind(message, file=self.file, row=self.header_row, column=column, hint=hint)
@@ -171,7 +175,13 @@ class Grid:
                     raise self._ragged(names, line, cells, width)
                 yield line, cells
 
-    def _ragged(self, names: list[str], line: int, cells: list[str], width: int) -> UsageError:
+    def _ragged(
+        self,
+        names: list[str],
+        line: int,
+        cells: list[str],
+        width: int,
+    ) -> UsageError:
         """Say that a row has not as many cells as the first, or fits no header."""
         message = f"{len(cells)} cells where the header has {len(names)}"
         message += f" and the lines above have {width}." if len(cells) != width else "."

@@ -153,7 +153,12 @@ def without_ends(table: pd.DataFrame, quantities: Sequence[Quantity], log: Log) 
     return table
 
 
-def _log_ends(table: pd.DataFrame, quantity: Quantity, at_end: pd.Series[bool], log: Log) -> None:
+def _log_ends(
+    table: pd.DataFrame,
+    quantity: Quantity,
+    at_end: pd.Series[bool],
+    log: Log,
+) -> None:
     """Log each adjustment at an end of a control, and say how many there are."""
     why = f"{quantity.label} at a limit of its control"
     column = f"{quantity.name}_adj"

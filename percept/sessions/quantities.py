@@ -177,9 +177,12 @@ def with_mass(quantities: Quantities) -> Quantities:
 def numbers_of(quantities: Iterable[str]) -> tuple[str, ...]:
     """Name the columns of numbers: references, then adjustments."""
     names = list(quantities)
+    columns = [f"{name}_ref" for name in names]
     # A third quantity leaves k and b an impedance.
-    mass = [MASS] * (IMPEDANCE.keys() <= set(names))
-    return (*[f"{name}_ref" for name in names], *mass, *[f"{name}_adj" for name in names])
+    if IMPEDANCE.keys() <= set(names):
+        columns.append(MASS)
+    columns += [f"{name}_adj" for name in names]
+    return tuple(columns)
 
 
 def quantity_of(column: str) -> str:

@@ -196,7 +196,12 @@ def open_frame(frame: pd.DataFrame, log: Log) -> Iterator[OpenFile]:
     yield _open(grid_of(rows, "<frame>", limits), {}, "", log)
 
 
-def _open(grid: Grid, ids: Mapping[str, str], digest: str, log: Log) -> OpenFile:
+def _open(
+    grid: Grid,
+    ids: Mapping[str, str],
+    digest: str,
+    log: Log,
+) -> OpenFile:
     """Find out from the header what kind of table a file is."""
     options = log.options
     found = _with_units(grid, resolve(grid, options), options)

@@ -93,7 +93,12 @@ def _melted(file: OpenFile) -> pd.DataFrame:
     return data
 
 
-def _joined(file: OpenFile, data: pd.DataFrame, canonical: str, also: tuple[str, ...]) -> list[str]:
+def _joined(
+    file: OpenFile,
+    data: pd.DataFrame,
+    canonical: str,
+    also: tuple[str, ...],
+) -> list[str]:
     """Join ids of several columns; one that lacks a part is blank, and so missing."""
     columns = [data[canonical], *(data[OwnColumn(name)] for name in also)]
     records = list(zip(*columns, strict=True))
@@ -137,7 +142,12 @@ def _among(cells: pd.Series[Any], texts: Sequence[str]) -> _Mask:
     return cells.isin(spelled).to_numpy()
 
 
-def _keep(file: OpenFile, data: pd.DataFrame, kept: _Mask, reason: str) -> pd.DataFrame:
+def _keep(
+    file: OpenFile,
+    data: pd.DataFrame,
+    kept: _Mask,
+    reason: str,
+) -> pd.DataFrame:
     """Keep rows, and count the others by reason."""
     if kept.all():
         return data
@@ -146,7 +156,12 @@ def _keep(file: OpenFile, data: pd.DataFrame, kept: _Mask, reason: str) -> pd.Da
 
 
 def _exclude(
-    file: OpenFile, data: pd.DataFrame, excluded: _Mask, why: str, *, of_trials: bool = False
+    file: OpenFile,
+    data: pd.DataFrame,
+    excluded: _Mask,
+    why: str,
+    *,
+    of_trials: bool = False,
 ) -> pd.DataFrame:
     """Leave rows out and log them; `of_trials` logs those with a subject and environment."""
     ids = data[excluded].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
@@ -171,7 +186,12 @@ def _pick(file: OpenFile, data: pd.DataFrame) -> None:
             data[canonical] = pd.Series(picked, index=data.index, dtype="str")
 
 
-def _picks(file: OpenFile, cells: pd.Series[str], canonical: str, path: str) -> list[str]:
+def _picks(
+    file: OpenFile,
+    cells: pd.Series[str],
+    canonical: str,
+    path: str,
+) -> list[str]:
     """Values at a path inside the cells of a column."""
     lacking = []
     picked = []

@@ -121,7 +121,11 @@ def _refusing(entry: Input) -> Iterator[None]:
 
 
 def grid_of(
-    rows: Sequence[Sequence[Any]], file: str, limits: FileLimits, *, has_notes: bool = False
+    rows: Sequence[Sequence[Any]],
+    file: str,
+    limits: FileLimits,
+    *,
+    has_notes: bool = False,
 ) -> Grid:
     """Write a header and rows of values as text, within the limits.
 
@@ -237,7 +241,12 @@ def _sheet(entry: Input, limits: FileLimits) -> _Table:
     return [row + [""] * (widest - len(row)) for row in rows]
 
 
-def _ragged(page: Any, written: Any, file: str, limits: FileLimits) -> Iterator[list[Any]]:
+def _ragged(
+    page: Any,
+    written: Any,
+    file: str,
+    limits: FileLimits,
+) -> Iterator[list[Any]]:
     """Give the rows of a sheet without their trailing blank cells."""
     # The size that a sheet states may be wrong.
     page.reset_dimensions()
