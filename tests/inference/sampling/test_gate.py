@@ -87,7 +87,7 @@ def test_separated_modes_are_withheld():
 
 
 def test_stuck_walkers_are_withheld():
-    run = sample(Glitch(3), MEAN, Settings(tolerance=0.01, seed=3, most_steps=1500))
+    run = sample(Glitch(3), MEAN, Settings(tolerance=0.01, seed=3, most_steps=600))
     assert not run.gate.passed
     assert any(
         "did not move in the second half of the run" in reason for reason in run.gate.reasons

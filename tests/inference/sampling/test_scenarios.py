@@ -77,32 +77,33 @@ def half_widths(fit):
     return 0.5 * (limits[:, 1] - limits[:, 0])
 
 
-def test_two_thousand_subjects_meet_the_classical_intervals():
+def test_a_thousand_subjects_meet_the_classical_intervals():
     """What the other environments say of a spread is less than its own standard error, 1/sqrt(2
     (n - 1))."""
-    response = responses(2000, 4, seed=1, sd=0.2)
+    subjects = 1000
+    response = responses(subjects, 3, seed=1, sd=0.2)
     limits, errors = on_the_model_scale(answered(study_of(table_of(response))))
-    for c, values in enumerate(response.transpose(2, 1, 0).reshape(8, -1)):
+    for c, values in enumerate(response.transpose(2, 1, 0).reshape(6, -1)):
         classical = {
             "user": prediction_interval(values, level=0.99),
             "share": tolerance_interval(values, share=0.99, confidence=0.95),
         }
         for kind, interval in classical.items():
             k = KINDS.index(kind)
-            allowed = 0.5 * (interval.upper - interval.lower) / np.sqrt(2.0 * 1999.0)
+            allowed = 0.5 * (interval.upper - interval.lower) / np.sqrt(2.0 * (subjects - 1.0))
             for side, wanted in enumerate((interval.lower, interval.upper)):
                 assert abs(limits[k, side, c] - wanted) < 4 * errors[k, side, c] + allowed
 
 
 @pytest.fixture(scope="module")
 def plain():
-    return answered(study_of(table_of(responses(6, 2, seed=3))))
+    return answered(study_of(table_of(responses(6, 2, seed=3)), tolerance=0.2))
 
 
 @pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("unit", [1e-6, 1e6] if LONG else [1e6])
 def test_units_of_the_data_only_scale_the_limits(plain, unit):
-    scaled = answered(study_of(table_of(responses(6, 2, seed=3), unit=unit)))
+    scaled = answered(study_of(table_of(responses(6, 2, seed=3), unit=unit), tolerance=0.2))
     difference = on_the_model_scale(plain)[0] - on_the_model_scale(scaled)[0]
     error = np.hypot(on_the_model_scale(plain)[1], on_the_model_scale(scaled)[1])
     assert np.abs(difference / error).max() < 5.0
