@@ -1,5 +1,6 @@
 """Settings shared by all tests."""
 
+import gc
 import os
 
 # A worker runs per core: threads of BLAS would only wait for one another. percept's command sets
@@ -58,6 +59,12 @@ def pytest_configure(config):
         "evidence(reduced=False): takes minutes, run by `make evidence`;"
         " with reduced=True by `make test` too, over fewer cases",
     )
+
+
+def pytest_collection_finish():
+    # What was imported and collected stays: no collection of garbage looks at it again.
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items):

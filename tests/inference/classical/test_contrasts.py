@@ -1,12 +1,12 @@
-"""Paired contrasts against SciPy's paired t-test, and Pitman and Morgan's against the test they
-invert."""
+"""Contrasts against SciPy's t-tests, and Pitman and Morgan's against the test they invert."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from percept import RefusalError
-from percept.inference.classical.contrasts import paired_contrast, spread_ratio
+from percept.inference.classical.contrasts import group_contrast, paired_contrast, spread_ratio
+from percept.inference.classical.moments import Moments
 
 CLAIM = {"level": 0.9, "share": 0.9, "confidence": 0.95}
 
@@ -27,6 +27,18 @@ def test_the_mean_contrast_is_the_paired_t_test():
     )
     np.testing.assert_allclose(p_value, test.pvalue, rtol=1e-10)
     np.testing.assert_allclose(d_z, test.statistic / np.sqrt(len(first)), rtol=1e-12)
+
+
+def test_the_contrast_of_groups_is_welch_s_t_test():
+    first, second = np.arange(5.0) ** 2, np.array([3.0, 8.0, 4.0])
+    found = group_contrast(Moments.from_values(first), Moments.from_values(second), level=0.9)
+    test = stats.ttest_ind(second, first, equal_var=False)
+    expected = test.confidence_interval(0.9)
+    np.testing.assert_allclose(
+        [found.lower, found.upper, found.p_value],
+        [expected.low, expected.high, test.pvalue],
+        rtol=1e-10,
+    )
 
 
 def test_equal_spreads_are_tested_by_the_correlation_of_sum_and_difference():
