@@ -32,6 +32,7 @@ def test_two_levels_have_the_p_of_the_overall_contrast(family):
     test = effects_of(made)["hand"]
     assert test.p_corrected == pytest.approx(overall["p_value"].item(), rel=1e-9)
     assert (test.n, test.df, test.df_error) == (8, 1.0, 7.0)
+    assert test.family == family
 
 
 def test_crossed_factors_and_groups_are_those_of_pivoted_means():
