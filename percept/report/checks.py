@@ -208,4 +208,4 @@ def _judged_without(verdict: Verdict, names: Sequence[str]) -> Cell:
     if not known:
         return NOTHING
     index = max(known, key=lambda index: abs(known[index] - whole))
-    return (*value(known[index], 3, "percent"), f" without {names[index]}")
+    return (*value(known[index], 3, "percent"), f", {names[index]}")
