@@ -7,10 +7,9 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
 
 import percept
-from percept import Scene, read_sessions
+from percept import Scene
 from percept.errors import RefusalError
 from percept.inference.model.statistics import from_trials
 from percept.sessions import Sessions
@@ -18,7 +17,6 @@ from percept.sessions.quantities import IMPEDANCE
 from percept.study.data import Data
 from percept.study.prepare import prepare
 from percept.study.responses import lacking_scatter
-from tests import DATASETS
 from tests.study.checked import table_of
 
 
@@ -31,29 +29,6 @@ def test_a_step_counts_relative_to_where_the_subjects_adjusted() -> None:
     np.testing.assert_allclose(
         found.between, [[0, (10 / 2000) ** 2 / 12, 0], [0, 0, 0]], rtol=1e-12
     )
-
-
-@pytest.mark.parametrize("family", ["normal", "lognormal"])
-def test_published_limits_are_taken_back_to_means_and_sds(family: str) -> None:
-    """Relative to the reference, or moments of the logarithm: t limits at 99 %, ten subjects."""
-    sessions = read_sessions(DATASETS / "hbfd_table1.csv")
-    scene = Scene(inference={"family": family})
-    models = prepare(Data(sessions, scene)).model.models
-    for model, parameter in zip(models, "kb", strict=True):
-        rows = sessions.table[sessions.table["parameter"] == parameter]
-        lower, upper, reference = (
-            rows[name].to_numpy(float) for name in ("lower", "upper", "reference")
-        )
-        mean = 0.5 * (lower + upper) / reference
-        sd = 0.5 * (upper - lower) / stats.t.isf(0.005, 9) * np.sqrt(10) / reference
-        log_sd = np.sqrt(np.log1p((sd / mean) ** 2))
-        centre, wanted = (
-            (mean - 1.0, sd) if family == "normal" else (np.log(mean) - 0.5 * log_sd**2, log_sd)
-        )
-        statistics = model.statistics
-        np.testing.assert_allclose(statistics.sd[0], wanted, rtol=1e-9)
-        found = [pattern.mean[0, 0] for pattern in statistics.patterns]
-        np.testing.assert_allclose(found, centre, rtol=1e-9, atol=1e-12)
 
 
 ENVIRONMENTS = ("A", "B", "C")

@@ -96,24 +96,6 @@ def test_steps_lead_from_the_classical_interval_to_the_bayesian(outlying: Study)
             assert rest[name].sum() == pytest.approx(whole[name], abs=1e-12)
 
 
-def test_trial_noise_is_a_step_where_users_scatter_by_nothing_else() -> None:
-    """Twenty users of one environment and one mean, four trials each."""
-    rng = np.random.default_rng(3)
-    table = pd.DataFrame(
-        {
-            "subject": np.repeat([f"S{user:02d}" for user in range(20)], 4),
-            "environment": "VE1",
-            "trial": np.tile(np.arange(1, 5), 20),
-            "k_ref": 1e3,
-            "k_adj": 1e3 * (1.0 + 0.2 * rng.standard_normal(80)),
-        }
-    )
-    found = widths_of(study_of(table, method="both", family="normal"), "user")
-    assert list(found.index) == ["all", "prior", "trials"]
-    assert found.loc["trials", "log_width"] < np.log(0.7)
-    assert abs(found.loc["prior", "log_width"]) < 0.1
-
-
 def test_trial_sds_of_each_user_are_a_step_of_their_own() -> None:
     scene = Scene(inference={"family": "normal", "tolerance": 0.3})
     sessions = read_sessions("tests/golden/data/own_trials.csv", scene=scene)

@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.inference.model.predictions import new_environment
 from percept.sessions import Sessions
 from percept.study.prediction import predict
 from tests import DATASETS
@@ -81,34 +80,6 @@ def test_boundaries_hold_draws_of_their_kind(loose: Study) -> None:
 def published() -> Study:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2)
     return Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene, store=SHARED)
-
-
-def test_published_limits_are_predicted_parameter_by_parameter(published: Study) -> None:
-    assert published.fit is not None
-    model = published.fit.model
-    points = published.fit.points[:40]
-    x = np.array([0.7, -1.3])
-    found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))[""]
-    np.testing.assert_array_equal(found.location[:, 0, 0, 1], 0.0)
-    for p, (part, own) in enumerate(model.split(points)):
-        statistics = part.statistics
-        priors, named = part.priors, {n: v for n, (_, v) in part.scales(own).items()}
-        response = np.array([pattern.mean[0, 0] for pattern in statistics.patterns])
-        count = statistics.df[0] + 1.0
-        decades = statistics.x[0]
-        for s in range(len(points)):
-            # One Gaussian of the means of all environments: trend, own bias, and the mean of n
-            # users.
-            tau, sigma = named["tau"][s, 0], named["sigma"][s, 0]
-            joint = priors.alpha_sd**2 + priors.gamma_sd**2 * np.outer(decades, decades)
-            joint += np.diag(tau**2 + sigma**2 / count)
-            cross = priors.alpha_sd**2 + priors.gamma_sd**2 * x[p] * decades
-            weights = np.linalg.solve(joint, cross)
-            own_variance = priors.alpha_sd**2 + priors.gamma_sd**2 * x[p] ** 2 + tau**2
-            assert found.mean[s, 0, p] == pytest.approx(weights @ response, rel=1e-9, abs=1e-12)
-            assert found.location[s, 0, p, p] == pytest.approx(
-                own_variance - weights @ cross, rel=1e-8
-            )
 
 
 def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(
