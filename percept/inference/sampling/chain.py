@@ -33,8 +33,6 @@ Array = NDArray[np.float64]
 
 #: Steps before any are kept.
 _BURN_IN = 40
-#: Of these the last, by which the shares of the moves are chosen.
-_LEARNING = 24
 #: Steps of the first round. The gate wants 10 autocorrelation times and runs aim at 12: these are
 #: 12 of a time of 12 steps. The published study takes 10. A restart then fits its transport to
 #: 12,000 kept draws.
@@ -55,10 +53,6 @@ class Memory:
     numbers: int = 1 << 25  # Numbers worked out from them; two parts are held
     #: Positions of a part, at least: fewer could not span the autocorrelation times the gate needs.
     fewest_positions: int = 32
-
-    def draws_of(self, dimension: int, components: int) -> int:
-        """Draws of a part that there is room for; a component has about two influences."""
-        return self.numbers // (dimension + 3 * components)
 
 
 @dataclass(frozen=True)
@@ -96,9 +90,7 @@ class Chain:
         self._stride = stride
         self._began = time.monotonic()
         self._walkers = Ensembles(transported, points, seed)
-        unlearned = _BURN_IN - _LEARNING
-        self._walkers.advance(unlearned, unlearned)
-        self._walkers.advance(_LEARNING, _LEARNING, learn=True)
+        self._walkers.advance(_BURN_IN, _BURN_IN)
         self._points: list[Array] = []  # each (E, T, W, d)
         self._components: list[Array] = []  # each (E, T, W, C)
         self._closed: _Closed | None = None
@@ -112,8 +104,9 @@ class Chain:
         ensembles, walkers, dimension = points.shape
         memory = self._task.memory
         point = self._transported.map(points[0, :1])
-        components = self._task.estimands.components(point)
-        room = memory.draws_of(dimension, components.shape[-1])
+        components = self._task.estimands.components(point).shape[-1]
+        # A component has about two influences.
+        room = memory.numbers // (dimension + 3 * components)
         draws = min(memory.draws, room)
         return max(draws // (ensembles * walkers), memory.fewest_positions)
 
@@ -200,9 +193,7 @@ class Chain:
                 run, points=first.points, components=first.components, stride=first.stride
             )
         self._error = run.gate.worst_error
-        settled = self._closed_steps + run.steps_to_settle
-        predicted = max(self.steps_by_error(run), settled)
-        self._expected = self._walkers.steps - self.spanned + predicted
+        self._expected = self._walkers.steps - self.spanned + self.steps_needed(run)
         self._tell()
         return run
 
@@ -243,7 +234,8 @@ class Chain:
     def go_on(self, run: Run) -> None:
         """Make room where memory is or will be full, and set the next goal."""
         settling = run.steps_to_settle
-        needed = self.steps_needed(run)
+        needed = max(self.steps_needed(run), _MARGIN * self.spanned)
+        needed = math.ceil(min(needed, _MOST_GROWTH * self.spanned))
         if run.gate.passed and self._full:
             self._closed = _Closed(run, self.spanned)
             self._points = []
@@ -251,8 +243,7 @@ class Chain:
         elif not run.gate.passed:
             while self._full or settling > self._most_positions * self._stride:
                 self._keep_every_second()
-        capped = min(needed, math.ceil(_MOST_GROWTH * self.spanned))
-        wanted = max(capped - self._closed_steps, settling)
+        wanted = max(needed - self._closed_steps, settling)
         most = self._most_positions * self._stride
         self._goal = min(wanted, most, self._steps + self._steps_left)
 
@@ -264,15 +255,9 @@ class Chain:
         self._components = [np.ascontiguousarray(components[:, 1::2])]
         self._stride *= 2
 
-    def steps_by_error(self, run: Run) -> float:
-        """Predict the steps after which the estimates are accurate enough."""
-        ratio = run.gate.worst_error / self._task.settings.tolerance
-        if not math.isfinite(ratio):
-            return self.spanned * _MOST_GROWTH
-        return self.spanned * (ratio * ratio * _MARGIN)
-
     def steps_needed(self, run: Run) -> int:
-        """Predict the steps the run should span in all; it at least grows by a tenth."""
+        """Predict the steps the run must span to settle and to be accurate enough."""
+        ratio = run.gate.worst_error / self._task.settings.tolerance
+        growth = ratio * ratio * _MARGIN if math.isfinite(ratio) else _MOST_GROWTH
         settled = self._closed_steps + run.steps_to_settle
-        wanted = max(self.steps_by_error(run), settled, _MARGIN * self.spanned)
-        return math.ceil(wanted)
+        return max(math.ceil(growth * self.spanned), settled)

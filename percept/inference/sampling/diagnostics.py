@@ -115,25 +115,12 @@ def normal_scores(values: Array) -> Array:
 
     Tied values, of walkers that stay, share the mean of their ranks.
     """
-    # A copy whatever the layout: of columns that lie together `ascontiguousarray` would give the
-    # values.
+    from scipy import stats  # slow to import, and for runs of the sampler only
+
     rows = values.reshape(-1, values.shape[-1])
-    columns = np.array(rows.T, order="C")
-    size = columns.shape[1]
-    # Scores of all ranks there may be, with the half ranks of ties. Looked up, they take half
-    # the time of `scipy.stats.rankdata` and `ndtri`.
-    ranks = np.arange(1.0, size + 0.5, 0.5)
-    scores = special.ndtri((ranks - 0.375) / (size + 0.25))
-    for column in columns:
-        order = np.argsort(column)
-        ascending = column[order]
-        new = np.ones(size, dtype=bool)
-        new[1:] = ascending[1:] != ascending[:-1]
-        first = np.flatnonzero(new)
-        ties = np.diff(first, append=size)
-        mean_ranks = 2 * first + ties - 1  # in half ranks
-        column[order] = np.repeat(scores[mean_ranks], ties)
-    return np.ascontiguousarray(columns.T).reshape(values.shape)
+    ranks = stats.rankdata(rows, axis=0)
+    scores = special.ndtri((ranks - 0.375) / (len(rows) + 0.25))
+    return np.asarray(scores.reshape(values.shape))
 
 
 def thin_walkers(series: Array, most: int) -> Array:

@@ -72,14 +72,15 @@ def line_limits(
     order = np.random.default_rng(run.settings.seed).permutation(len(points))
     points = points[order]
     batch = batch[order]
-    lines = _Lines.fit(points, function(points))
+    direction, along = _steepest(points, function(points))
     most = min(_MOST_LINES, len(points))
     tails = np.array([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     first = 0
     count = min(_FIRST_LINES, most)
     parts = []
     while True:
-        parts.append(_laws(target, function, lines, points[first:count], lines.along[first:count]))
+        cut = slice(first, count)
+        parts.append(_laws(target, function, direction, points[cut], along[cut]))
         values = np.concatenate([part[0] for part in parts])
         weights = np.concatenate([part[1] for part in parts])
         limits = _limits(values, weights, batch[:count], tails)
@@ -89,34 +90,25 @@ def line_limits(
         count = min(2 * count, most)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Lines:
-    """Direction in which a function varies most, and where each draw stands along it."""
-
-    direction: Array  # (d,) A unit is the SD along it
-    along: Array  # (S,)
-
-    @classmethod
-    def fit(cls, points: Array, values: Array) -> _Lines:
-        """Regress the function on the coordinates."""
-        apart = points - points.mean(axis=0)
-        slopes, *_ = np.linalg.lstsq(apart, values - values.mean(), rcond=None)
-        fitted = apart @ slopes
-        size = fitted.std()
-        direction = apart.T @ fitted / (len(points) * size)
-        return cls(direction, fitted / size)
+def _steepest(points: Array, values: Array) -> tuple[Array, Array]:
+    """Direction (d,) in which a function varies most, an SD long, and draws' places on it (S,)."""
+    apart = points - points.mean(axis=0)
+    slopes, *_ = np.linalg.lstsq(apart, values - values.mean(), rcond=None)
+    fitted = apart @ slopes
+    size = fitted.std()
+    return apart.T @ fitted / (len(points) * size), fitted / size
 
 
 def _laws(
     target: Target,
     function: Callable[[Array], Array],
-    lines: _Lines,
+    direction: Array,
     points: Array,
     along: Array,
 ) -> tuple[Array, Array]:
     """Values (S, fine points) of the function on the lines of draws, and their probabilities."""
     steps = _NODES - along[:, None]
-    nodes = points[:, None] + steps[..., None] * lines.direction
+    nodes = points[:, None] + steps[..., None] * direction
     flat = nodes.reshape(-1, points.shape[1])
     log_density = target(flat).reshape(steps.shape)
     values = function(flat).reshape(steps.shape)

@@ -3,7 +3,7 @@
 emcee carries the walkers of all ensembles in one sampler, so that one call evaluates the density
 for all of them. Walkers live in the coordinates of a transport, where the target resembles the
 reference law. A move leaves that law invariant, and a step is accepted by the density over the law.
-Every ensemble proposes and accepts from its own generator, and never sees another.
+No walker ever sees another: all are independent chains.
 
 emcee's acceptance is not used: it weighs one step at a time, where independent draws of several
 steps share one call of the density. Fits of the published study take 1.3 times as long with it.
@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import emcee
@@ -27,21 +26,13 @@ from percept.inference.sampling.target import Target
 __all__ = ["Ensembles", "IndependentMove", "PCNMove", "ReferenceLaw", "standard_moves"]
 
 Array = NDArray[np.float64]
-Generators = Sequence[np.random.Generator]
 
 #: Tails a little heavier than normal: a proposal must not miss what the transport did. There are as
 #: many degrees of freedom as dimensions, or the radius alone would tell the law from a normal one.
 _FEWEST_DF = 20.0
-#: Least share of independent draws, however few are accepted where shares are chosen.
-_LEAST_INDEPENDENT = 0.1
-#: Most of them. Walkers leave a far tail by rotations alone, and a limit that hangs on such a tail
-#: needs them wherever the bulk is served well.
-_MOST_INDEPENDENT = 0.6
-#: Walkers by whose jumps moves are compared, a fraction: those the transport serves worst leave
-#: last, and decide how long a run remembers.
-_WORST = 0.1
-#: Cost of an independent draw over that of a rotation: several steps share one density call.
-_COST_INDEPENDENT = 0.8
+#: Share of independent draws among the steps. Walkers leave a far tail by rotations alone, and a
+#: limit that hangs on such a tail needs them wherever the bulk is served well.
+_INDEPENDENT = 0.6
 #: Steps whose independent draws are weighed in one density call.
 _AHEAD = 4
 
@@ -99,15 +90,13 @@ class _Offer:
 
 
 class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
-    """Metropolis-Hastings step of all walkers at once, each ensemble with its own generator."""
+    """Metropolis-Hastings step of all walkers at once."""
 
-    def __init__(self, generators: Generators, law: ReferenceLaw) -> None:
-        self._generators = generators
+    def __init__(self, rng: np.random.Generator, law: ReferenceLaw) -> None:
+        self._rng = rng
         self._law = law
         self._offers: list[_Offer] = []
         self.accepted: Array | int = 0  # Accepted steps per walker
-        self.steps = 0
-        self.squared_jumps = 0.0  # Sum over steps of the worst walkers' mean squared jump
 
     def propose(
         self, model: emcee.model.Model, state: emcee.State
@@ -118,16 +107,10 @@ class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
         if not self._offers:
             self._offers = self._weighed(coords, model)
         offer = self._offers.pop()
-        uniform = self._by_ensemble(coords, _uniform)
+        uniform = self._rng.random(len(coords))
         log_weight = log_prob - self._law.log_density(coords)
         with np.errstate(divide="ignore", invalid="ignore"):
             accepted = np.log(uniform) < offer.log_prob - offer.log_law - log_weight
-        count = max(1, round(_WORST * len(coords)))
-        worst = np.argsort(-log_weight)[:count]
-        jumps = offer.points[worst] - coords[worst]
-        jumps[~accepted[worst]] = 0.0
-        self.squared_jumps += float(np.square(jumps).mean())
-        self.steps += 1
         self.accepted = self.accepted + accepted
         coords[accepted] = offer.points[accepted]
         log_prob[accepted] = offer.log_prob[accepted]
@@ -135,31 +118,17 @@ class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
 
     def _weighed(self, coords: Array, model: emcee.model.Model) -> list[_Offer]:
         """Draw for this step and maybe some more, with one density call for all of them."""
-        offered = self._by_ensemble(coords, self._draw).swapaxes(0, 1)
-        steps = len(offered)
-        points = np.concatenate(offered)
+        points = self._draw(coords)
         # The density itself: emcee's `compute_log_prob_fn` unpacks values one by one, for blobs.
         log_prob = model.log_prob_fn(points)
         log_law = self._law.log_density(points)
-        log_prob = log_prob.reshape(steps, -1)
-        log_law = log_law.reshape(steps, -1)
-        return [_Offer(*step) for step in zip(offered, log_prob, log_law, strict=True)]
-
-    def _by_ensemble(
-        self, coords: Array, draw: Callable[[Array, np.random.Generator], Array]
-    ) -> Array:
-        """Draw for the walkers (N, d) of each ensemble by its own generator."""
-        ensembles = np.split(coords, len(self._generators))
-        drawn = map(draw, ensembles, self._generators)
-        return np.concatenate(list(drawn))
+        steps = len(points) // len(coords)
+        parts = [np.split(array, steps) for array in (points, log_prob, log_law)]
+        return [_Offer(*step) for step in zip(*parts, strict=True)]
 
     @abstractmethod
-    def _draw(self, coords: Array, generator: np.random.Generator) -> Array:
-        """Draw for walkers (n, d) of an ensemble, for one step or several: (n, steps, d)."""
-
-
-def _uniform(coords: Array, generator: np.random.Generator) -> Array:
-    return generator.random(len(coords))
+    def _draw(self, coords: Array) -> Array:
+        """Draw for walkers (N, d), for one step or several: (steps N, d)."""
 
 
 class IndependentMove(ReferenceMove):
@@ -168,10 +137,8 @@ class IndependentMove(ReferenceMove):
     No draw depends on where a walker is, so the draws of several steps share one density call.
     """
 
-    def _draw(self, coords: Array, generator: np.random.Generator) -> Array:
-        count, size = coords.shape
-        points = self._law.draw(_AHEAD * count, generator)
-        return points.reshape(count, _AHEAD, size)
+    def _draw(self, coords: Array) -> Array:
+        return self._law.draw(_AHEAD * len(coords), self._rng)
 
 
 class PCNMove(ReferenceMove):
@@ -180,36 +147,23 @@ class PCNMove(ReferenceMove):
     Small angles leave places that the transport serves badly.
     """
 
-    def _draw(self, coords: Array, generator: np.random.Generator) -> Array:
-        return self._law.rotate(coords, generator)[:, None]
-
-
-def _earned_share(independent: ReferenceMove, rotation: ReferenceMove) -> float:
-    """Share of independent draws, by the squared jumps of both moves for the same cost.
-
-    Jumps are in standard coordinates, each about the normal score of one of the target's.
-    """
-    far = independent.squared_jumps / max(independent.steps, 1)
-    near = rotation.squared_jumps / max(rotation.steps, 1)
-    worth = far / _COST_INDEPENDENT
-    share = worth / (worth + near) if worth or near else 0.5
-    return float(np.clip(share, _LEAST_INDEPENDENT, _MOST_INDEPENDENT))
+    def _draw(self, coords: Array) -> Array:
+        return self._law.rotate(coords, self._rng)
 
 
 def standard_moves(
     law: ReferenceLaw,
-    generators: Generators,
-    independent: float = 0.5,
+    rng: np.random.Generator,
 ) -> list[tuple[ReferenceMove, float]]:
     """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`."""
     return [
-        (IndependentMove(generators, law), independent),
-        (PCNMove(generators, law), 1.0 - independent),
+        (IndependentMove(rng, law), _INDEPENDENT),
+        (PCNMove(rng, law), 1.0 - _INDEPENDENT),
     ]
 
 
 class Ensembles:
-    """E ensembles of W walkers on a target, each ensemble with a generator of its own."""
+    """E ensembles of W walkers on a target."""
 
     def __init__(
         self,
@@ -221,8 +175,8 @@ class Ensembles:
         self._target = target
         self._shape = points.shape
         flat = points.reshape(-1, points.shape[-1])
-        schedule_seed, *seeds = seed.spawn(1 + len(points))
-        self._generators = [np.random.default_rng(child) for child in seeds]
+        schedule_seed, draw_seed = seed.spawn(2)
+        self._rng = np.random.default_rng(draw_seed)
         # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in
         # silence.
         legacy = np.random.RandomState(np.random.MT19937(schedule_seed))
@@ -231,22 +185,12 @@ class Ensembles:
         self._state = emcee.State(flat, log_prob=log_prob, random_state=random_state, copy=True)
         self.accepted = np.zeros(len(flat))  # (E W,) Accepted steps per walker so far
         self.steps = 0  # Steps taken so far
-        self._independent = 0.5  # Share of independent draws among the steps
 
-    def advance(
-        self,
-        steps: int,
-        stride: int,
-        *,
-        learn: bool = False,
-    ) -> Array:
-        """Run all ensembles for some steps; every `stride`-th position, (E, T, W, d).
-
-        A run that learns sets the shares of its moves by how far they took walkers in these steps.
-        """
+    def advance(self, steps: int, stride: int) -> Array:
+        """Run all ensembles for some steps; every `stride`-th position, (E, T, W, d)."""
         ensembles, walkers, dimension = self._shape
         law = ReferenceLaw(dimension)
-        moves = standard_moves(law, self._generators, self._independent)
+        moves = standard_moves(law, self._rng)
         sampler = emcee.EnsembleSampler(
             ensembles * walkers, dimension, self._target, moves=moves, vectorize=True
         )
@@ -266,7 +210,4 @@ class Ensembles:
         for move, _ in moves:
             self.accepted += move.accepted
         self.steps += steps
-        if learn:
-            (independent, _), (rotation, _) = moves
-            self._independent = _earned_share(independent, rotation)
         return kept

@@ -12,7 +12,7 @@ better maps, each to better draws than the one before. `warm_up` takes these ste
    (`transport`). Steps 3 and 4 are done once for each of `_RUNS`, and step 3 once more.
 
 Weights of a poor map leave few effective draws, 1 / (sum of squared weights). So weights are raised
-to a power below one until enough draws count (`_Weighted.tempered`).
+to a power below one until enough draws count (`_tempered`).
 
 Early samples are poor, and later ones mend them. So fits depend little on the numbers below: where
 a comment says so, density values of fits of the published study differ by no more than between two
@@ -21,8 +21,6 @@ are weighted.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,46 +60,31 @@ _TEMPERING = 0.8
 _LEAST_POWER = 1e-6
 
 
-@dataclass(frozen=True)
-class _ShortRun:
-    """A run that a transport is fitted to."""
-
-    steps: int
-    skipped: int  # Steps at its start that are left out: walkers start from tempered weights
-    stride: int  # Steps between kept positions; neighbours are too much alike to count twice
-
-
-#: The first keeps 8 positions of a walker, 2,000 draws of the usual 256 walkers. Its map is rough,
-#: so the second keeps four times as many. Without the second run a fit of the published study takes
-#: twice as many density values; runs of twice the steps gain nothing.
-_RUNS = (
-    _ShortRun(steps=48, skipped=16, stride=4),
-    _ShortRun(steps=80, skipped=16, stride=2),
-)
+#: Steps of the runs that a transport is fitted to. The map of the first is rough, so the second has
+#: more draws. Without the second run a fit of the published study takes twice as many density
+#: values; runs of twice the steps gain nothing.
+_RUNS = (48, 80)
+#: Steps at their start that are left out: walkers start from tempered weights.
+_SKIPPED = 16
+#: Steps between kept positions; neighbours are too much alike to count twice.
+_STRIDE = 2
 
 
-@dataclass(frozen=True, eq=False)
-class _Weighted:
-    """Draws from the reference law and their weights."""
+def _tempered(log_weight: Array, effective: float) -> Array:
+    """Weights (N,) that sum to one, with at least so many effective draws.
 
-    z: Array  # (N, d)
-    log_weight: Array  # (N,) Log of the target's density over the law's, to a constant
-
-    def tempered(self, effective: float) -> Array:
-        """Weights (N,) that sum to one, with at least so many effective draws.
-
-        Untempered, a few lucky draws could decide all. So weights are raised to the largest power
-        in (0, 1] that leaves the effective draws.
-        """
-        shifted = self.log_weight - np.max(self.log_weight)
-        power = 1.0
-        while True:
-            weights = np.exp(power * shifted)
-            weights /= weights.sum()
-            found = 1.0 / float(weights @ weights)
-            if found >= effective or power < _LEAST_POWER:
-                return weights
-            power *= _TEMPERING
+    Untempered, a few lucky draws could decide all. So weights are raised to the largest power in
+    (0, 1] that leaves the effective draws.
+    """
+    shifted = log_weight - np.max(log_weight)
+    power = 1.0
+    while True:
+        weights = np.exp(power * shifted)
+        weights /= weights.sum()
+        found = 1.0 / float(weights @ weights)
+        if found >= effective or power < _LEAST_POWER:
+            return weights
+        power *= _TEMPERING
 
 
 def warm_up(
@@ -136,11 +119,10 @@ def warm_up(
     rng = np.random.default_rng(adapt_seed)
     transported = _linear(target, rng, shape)
     points = starting_points(transported, rng, shape)
-    for run, run_seed in zip(_RUNS, run_seeds, strict=True):
+    for steps, run_seed in zip(_RUNS, run_seeds, strict=True):
         walkers = Ensembles(transported, points, run_seed)
-        walked = walkers.advance(run.steps, run.stride)
-        first_kept = run.skipped // run.stride
-        kept = walked[:, first_kept:]
+        walked = walkers.advance(steps, _STRIDE)
+        kept = walked[:, _SKIPPED // _STRIDE :]
         flat = kept.reshape(-1, kept.shape[-1])
         transport = Transport.fit(transported.map(flat))
         transported = Transported(target, transport)
@@ -154,10 +136,9 @@ def _linear(target: Target, rng: np.random.Generator, shape: tuple[int, int]) ->
     mode, covariance = find_mode(target, np.zeros(size))
     transported = Transported(target, Affine.normal(mode, covariance))
     for _ in range(_ROUNDS):
-        weighted = _weigh(transported, rng, shape)
-        weights = weighted.tempered(_EFFECTIVE_PER_COORDINATE * size)
-        points = transported.map(weighted.z)
-        transported = Transported(target, Affine.fit(points, weights))
+        z, log_weight = _weigh(transported, rng, shape)
+        weights = _tempered(log_weight, _EFFECTIVE_PER_COORDINATE * size)
+        transported = Transported(target, Affine.fit(transported.map(z), weights))
     return transported
 
 
@@ -187,20 +168,19 @@ def starting_points(
     RefusalError
         A density that is -inf at all draws but one or none, or NaN somewhere.
     """
-    weighted = _weigh(transported, rng, shape)
-    draws = len(weighted.z)
-    weights = weighted.tempered(_STARTING_SHARE * draws)
+    z, log_weight = _weigh(transported, rng, shape)
+    weights = _tempered(log_weight, _STARTING_SHARE * len(z))
     ensembles, walkers = shape
-    chosen = rng.choice(draws, size=ensembles * walkers, p=weights)
-    return weighted.z[chosen].reshape(*shape, -1)
+    chosen = rng.choice(len(z), size=ensembles * walkers, p=weights)
+    return z[chosen].reshape(*shape, -1)
 
 
 def _weigh(
     transported: Transported,
     rng: np.random.Generator,
     shape: tuple[int, int],
-) -> _Weighted:
-    """Draws from the reference law, and the log of the density over that law."""
+) -> tuple[Array, Array]:
+    """Draws (N, d) from the reference law, and the logs (N,) of the density over that law."""
     size = len(transported.names)
     law = ReferenceLaw(size)
     ensembles, walkers = shape
@@ -222,4 +202,4 @@ def _weigh(
             f" {describe_point(transported.names, point)}.",
             hint="Check the data and the priors of these parameters.",
         )
-    return _Weighted(z, values - law.log_density(z))
+    return z, values - law.log_density(z)

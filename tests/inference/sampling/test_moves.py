@@ -18,14 +18,10 @@ from tests.inference.sampling.targets import Correlated, Normal, SkewedHeavy, de
 ENSEMBLES, WALKERS, STEPS, KEEP_FROM = 12, 48, 160, 20
 TARGETS = {"normal": Normal(20), "correlated": Correlated(), "skewed and heavy": SkewedHeavy()}
 MOVES = {
-    "independent": lambda law, generators: IndependentMove(generators, law),
-    "pcn": lambda law, generators: PCNMove(generators, law),
-    "mix": lambda law, generators: standard_moves(law, generators),
+    "independent": lambda law, rng: IndependentMove(rng, law),
+    "pcn": lambda law, rng: PCNMove(rng, law),
+    "mix": lambda law, rng: standard_moves(law, rng),
 }
-
-
-def generators(seed):
-    return [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(ENSEMBLES)]
 
 
 def run(target, moves, seed, *, ensembles=ENSEMBLES, steps=STEPS):
@@ -49,7 +45,7 @@ def run(target, moves, seed, *, ensembles=ENSEMBLES, steps=STEPS):
 def test_move_leaves_the_target_invariant(move, target):
     # The reference knows nothing of these targets: no move may lean on its being right.
     law = ReferenceLaw(len(TARGETS[target].names))
-    uniforms = run(TARGETS[target], MOVES[move](law, generators(5)), seed=2)
+    uniforms = run(TARGETS[target], MOVES[move](law, np.random.default_rng(5)), seed=2)
     off = deviations(uniforms)
     assert np.max(np.abs(off)) < limit(ENSEMBLES, off.size)
 
@@ -78,7 +74,11 @@ def test_ensembles_never_see_each_other():
 
     def last(first):
         sampler = emcee.EnsembleSampler(
-            len(first), 4, target, moves=standard_moves(law, generators(9)), vectorize=True
+            len(first),
+            4,
+            target,
+            moves=standard_moves(law, np.random.default_rng(9)),
+            vectorize=True,
         )
         sampler.random_state = np.random.RandomState(4).get_state()
         return sampler.run_mcmc(first, 3, store=False).coords
