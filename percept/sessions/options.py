@@ -362,19 +362,17 @@ class ReadOptions(DataTables):
 
     def require(self, scene: DataTables) -> None:
         """Refuse a scene whose tables on data the files were not read with."""
-        lacking: list[str] = []
-        if scene.quantities != self.quantities:
-            lacking.append("quantities")
-        if not scene.columns.keys() <= self.columns.keys():
-            lacking.append("columns")
-        if scene.environments and scene.environments != self.environments:
-            lacking.append("environments")
-        # Commands keep further groups.
-        groups = self.sessions.groups
-        same = scene.sessions.model_copy(update={"groups": groups}) == self.sessions
-        kept = set(scene.sessions.groups) <= set(groups)
-        if scene.sessions != SessionsTable() and not (same and kept):
-            lacking.append("sessions")
+        lacking = [
+            name
+            for name in ("quantities", "columns", "environments")
+            if getattr(scene, name) and getattr(scene, name) != getattr(self, name)
+        ]
+        if scene.sessions != SessionsTable():
+            # Commands keep further groups.
+            groups = self.sessions.groups
+            same = scene.sessions.model_copy(update={"groups": groups}) == self.sessions
+            if not same or not set(scene.sessions.groups) <= set(groups):
+                lacking.append("sessions")
         if lacking:
             tables = " and ".join(f"[{name}]" for name in lacking)
             message = f"the sessions were read without {tables} of the scene."

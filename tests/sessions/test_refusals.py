@@ -79,7 +79,6 @@ NO_TABLES = {
         b"subject,x;environment,k_ref;k_adj,z\n1,2;3,4;5,6\n",
         "comma and semicolon can each split the lines",
     ),
-    "half of a character": (b'[{"subject": "\\ud800", "k_adj": 1}]', "half of a character"),
 }
 
 

@@ -14,7 +14,7 @@ from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
 from percept.sessions.values import fold
 from tests import LONG
-from tests.sessions.dialects import WRITERS, Trial, delimited, frame
+from tests.sessions.dialects import Trial, delimited, frame
 
 NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
 easy = st.text(st.sampled_from("aZé01_- "), min_size=1, max_size=4).filter(str.strip)
@@ -98,46 +98,6 @@ def test_delimited(tmp_path_factory, trials, delimiter, mark, encoding, newline,
     except UsageError:
         return
     same(sessions, trials)
-
-
-@pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.evidence(reduced=True)
-@settings(max_examples=15 if LONG else 6, deadline=None, suppress_health_check=list(HealthCheck))
-@given(trials=studies())
-def test_tools(tmp_path_factory, name, trials):
-    writer = WRITERS[name]
-    if writer.decimals is not None:
-        trials = [t for t in trials if 1 < t.k_ref < 1e6 and 1 < t.b_ref < 1e6]
-        trials = [
-            Trial(*(v if not isinstance(v, float) else round(v, 6) for v in vars(t).values()))
-            for t in trials
-        ]
-    if name.startswith("psychopy"):
-        # PsychoPy writes a line end in a cell as it is: its file is then one with a blank line.
-        trials = [t for t in trials if not set("\r\n") & set(t.subject + t.session + t.environment)]
-    folder = tmp_path_factory.mktemp("t")
-    try:
-        for file, data in writer.write(trials).items():
-            (folder / file).write_bytes(data)
-    except (UnicodeEncodeError, OSError, ValueError):
-        return
-    try:
-        sessions = read_sessions(folder, scene=writer.options)
-    except UsageError:
-        return
-    if name in ("folder", "opensesame", "wide"):
-        # These write a file per subject, or a row per subject: the order of the rows is theirs.
-        order = ["subject", "session", "environment", "trial"]
-        table = sessions.table.sort_values(order, ignore_index=True)
-        want = frame(trials).sort_values(order, ignore_index=True)
-        pd.testing.assert_frame_equal(
-            table[[*order, *NUMBERS]],
-            want[[*order, *NUMBERS]].astype(dict.fromkeys(NUMBERS, float)),
-            check_exact=True,
-            check_dtype=False,
-        )
-    else:
-        same(sessions, trials)
 
 
 @pytest.mark.evidence(reduced=True)
