@@ -8,7 +8,6 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -82,7 +81,7 @@ def _variables(data: bytes, file: str, limits: FileLimits) -> Iterator[tuple[str
     if data.startswith(b"MATLAB 7.3"):
         message = "a MATLAB file of version 7.3, which percept does not read."
         hint = "Save it in MATLAB as save('T.mat', '-v7'), or by writetable(T, 'T.csv')."
-        raise UsageError(message, file=file, hint=hint)
+        raise UsageError(message, hint=hint)
     content = bytearray()
     for kind, packed in _elements(memoryview(data)[_HEADER:], padded=False):
         if kind == _COMPRESSED:
@@ -91,10 +90,9 @@ def _variables(data: bytes, file: str, limits: FileLimits) -> Iterator[tuple[str
         else:
             content += struct.pack("<II", kind, len(packed)) + packed
         limits.hold_size(len(content), file)
-    arrays = _Arrays(file, limits)
     for kind, element in _elements(memoryview(content)):
         if kind == _MATRIX and element:
-            yield arrays.read(element)
+            yield _array(element)
 
 
 def _elements(data: memoryview, *, padded: bool = True) -> Iterator[tuple[int, memoryview]]:
@@ -114,64 +112,53 @@ def _elements(data: memoryview, *, padded: bool = True) -> Iterator[tuple[int, m
         yield kind, data[start : start + size]
 
 
-@dataclass(frozen=True)
-class _Arrays:
-    """Reads arrays of one file."""
+def _array(data: memoryview) -> tuple[str, Any]:
+    """Read one array: its name and value."""
+    (_, flags), (_, second), *rest = _elements(data)
+    (flag,) = struct.unpack_from("<I", flags)
+    kind = flag & 0xFF
+    if kind == _OBJECT:
+        raise _object(bytes(second).decode(), bytes(rest[1][1]).decode())
+    shape = tuple(np.frombuffer(second, "<i4"))
+    name = bytes(rest[0][1]).decode()
+    values = rest[1:]
+    if kind == _CELL:
+        return name, [_array(element)[1] for _, element in values]
+    if kind == _STRUCT:
+        return name, _structs(values)
+    if kind == _CHAR:
+        ((encoding, letters),) = values
+        text = bytes(letters).decode(_TEXTS[encoding])
+        rows = np.array(list(text), dtype=str).reshape(shape, order="F")
+        texts = ["".join(row).rstrip() for row in rows]
+        return name, texts[0] if len(texts) == 1 else texts
+    if not _FIRST_NUMBERS <= kind <= _LAST_NUMBERS or flag & _COMPLEX:
+        # A function, a sparse array or complex numbers are no column.
+        return name, ""
+    element, packed = values[0]
+    numbers = np.frombuffer(packed, f"<{_NUMBERS[element]}").reshape(shape, order="F")
+    return name, numbers.ravel() if 1 in shape else numbers
 
-    file: str
-    limits: FileLimits
 
-    def read(self, data: memoryview) -> tuple[str, Any]:
-        """Read one array: its name and value."""
-        (_, flags), (_, second), *rest = _elements(data)
-        (flag,) = struct.unpack_from("<I", flags)
-        kind = flag & 0xFF
-        if kind == _OBJECT:
-            raise self._object(bytes(second).decode(), bytes(rest[1][1]).decode())
-        shape = tuple(np.frombuffer(second, "<i4"))
-        name = bytes(rest[0][1]).decode()
-        values = rest[1:]
-        if kind == _CELL:
-            return name, [self.read(element)[1] for _, element in values]
-        if kind == _STRUCT:
-            return name, self._structs(values)
-        if kind == _CHAR:
-            letters = np.array(list(self._text(*values[0])), dtype=str)
-            rows = letters.reshape(shape, order="F")
-            texts = ["".join(row).rstrip() for row in rows]
-            return name, texts[0] if len(texts) == 1 else texts
-        if not _FIRST_NUMBERS <= kind <= _LAST_NUMBERS or flag & _COMPLEX:
-            # A function, a sparse array or complex numbers are no column.
-            return name, ""
-        element, packed = values[0]
-        numbers = np.frombuffer(packed, f"<{_NUMBERS[element]}")
-        numbers = numbers.reshape(shape, order="F")
-        self.limits.hold_table(1, numbers.size, self.file)
-        return name, numbers.ravel() if 1 in shape else numbers
+def _structs(values: Sequence[tuple[int, memoryview]]) -> Any:
+    """Read the fields of a struct, or of an array of structs."""
+    (_, length), (_, packed), *fields = values
+    (each,) = struct.unpack_from("<i", length)
+    texts = [bytes(packed[at : at + each]) for at in range(0, len(packed), each)]
+    names = [text.split(b"\0")[0].decode() for text in texts]
+    cells = [_array(element)[1] for _, element in fields]
+    width = len(names)
+    structs = [
+        dict(zip(names, cells[at : at + width], strict=True)) for at in range(0, len(cells), width)
+    ]
+    return structs[0] if len(structs) == 1 else structs or {name: [] for name in names}
 
-    def _structs(self, values: Sequence[tuple[int, memoryview]]) -> Any:
-        """Read the fields of a struct, or of an array of structs."""
-        (_, length), (_, packed), *fields = values
-        (each,) = struct.unpack_from("<i", length)
-        texts = [bytes(packed[at : at + each]) for at in range(0, len(packed), each)]
-        names = [text.split(b"\0")[0].decode() for text in texts]
-        cells = [self.read(element)[1] for _, element in fields]
-        width = len(names)
-        structs = [
-            dict(zip(names, cells[at : at + width], strict=True))
-            for at in range(0, len(cells), width)
-        ]
-        return structs[0] if len(structs) == 1 else structs or {name: [] for name in names}
 
-    def _text(self, kind: int, data: memoryview) -> str:
-        return bytes(data).decode(_TEXTS[kind])
-
-    def _object(self, name: str, kind: str) -> UsageError:
-        """Say how an object of MATLAB's own is saved."""
-        return UsageError(
-            f"{name or 'it'} is a {kind} of MATLAB, an object that only MATLAB reads.",
-            file=self.file,
-            hint="Save it in MATLAB: writetable(T, 'T.csv'), or S = table2struct(T, 'ToScalar',"
-            " true); save('T.mat', '-struct', 'S'). First turn strings into texts: T.name ="
-            " cellstr(T.name).",
-        )
+def _object(name: str, kind: str) -> UsageError:
+    """Say how an object of MATLAB's own is saved."""
+    return UsageError(
+        f"{name or 'it'} is a {kind} of MATLAB, an object that only MATLAB reads.",
+        hint="Save it in MATLAB: writetable(T, 'T.csv'), or S = table2struct(T, 'ToScalar',"
+        " true); save('T.mat', '-struct', 'S'). First turn strings into texts: T.name ="
+        " cellstr(T.name).",
+    )

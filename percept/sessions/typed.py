@@ -108,7 +108,8 @@ def _refusing(entry: Input) -> Iterator[None]:
     """Refuse a file in which a reader meets what it cannot read, or that needs another package."""
     try:
         yield
-    except UsageError:
+    except UsageError as error:
+        error.file = entry.name
         raise
     except ImportError as error:
         message = f"this file needs {error.name}."
