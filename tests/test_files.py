@@ -31,13 +31,6 @@ def test_a_file_is_replaced_whole_and_nothing_stays_beside_it(tmp_path):
 
 
 @posix
-def test_others_may_read_a_file_as_any_new_one(tmp_path):
-    write_whole(tmp_path / "a.txt", b"x")
-    (tmp_path / "plain.txt").write_bytes(b"x")
-    assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain.txt").stat().st_mode
-
-
-@posix
 def test_a_link_stays_one(tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "b.txt").write_text("old")

@@ -47,15 +47,6 @@ def test_a_line_of_a_million_columns(tmp_path):
                 read_sessions(file)
 
 
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_lines_before_a_nul_byte_are_counted_at_every_kind_of_end(tmp_path, end):
-    file = tmp_path / "f.csv"
-    file.write_bytes(end.join(["a,b", "1,2", "3,\0", ""]).encode())
-    with pytest.raises(UsageError, match="a NUL character") as caught:
-        read_sessions(file)
-    assert caught.value.row == 3
-
-
 def test_bombs_are_cut_off(tmp_path):
     scene = Scene(files={"size": 10**6})
     (tmp_path / "f.csv.gz").write_bytes(gzip.compress(b"0" * 10**7))
