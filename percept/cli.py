@@ -42,7 +42,7 @@ GROUPS = {
         "simulate": ("data", "simulate sessions like a published table"),
     },
     "maintain": {
-        "doctor": ("maintain", "check the installation, the cache and shell completion"),
+        "doctor": ("data", "check the installation, the cache and shell completion"),
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}

@@ -14,18 +14,18 @@ from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 
 from percept.errors import RefusalError, UsageError
-from percept.report.biases import biases_among
-from percept.report.figures.boundaries import alike_boundaries, draw_band, draw_magnitude
-from percept.report.figures.canvas import COLOURS
-from percept.report.figures.couplings import draw_stability
-from percept.report.figures.intervals import draw_intervals
-from percept.report.select import (
+from percept.report.basics import (
     METHODS,
     distinct,
     families_from,
     matching,
     unwidened,
 )
+from percept.report.biases import biases_among
+from percept.report.figures.boundaries import alike_boundaries, draw_band, draw_magnitude
+from percept.report.figures.canvas import COLOURS
+from percept.report.figures.couplings import draw_stability
+from percept.report.figures.intervals import draw_intervals
 from percept.results import Band, Boundary, Coupling, Data, IntervalRow
 
 __all__ = ["plot_band", "plot_boundary", "plot_coupling", "plot_intervals"]

@@ -1,18 +1,26 @@
-"""`percept new`, `validate` and `simulate`."""
+"""`percept new`, `validate`, `simulate` and `doctor`: scenes, session files, the installation."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
+import platform
+import re
 import shlex
 import sys
+from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from percept import __version__
 from percept.commands import JSON, Command, argument, number
 from percept.commands.analysis import SESSIONS, Working, read_scene
 from percept.errors import UsageError, counted
 from percept.files import write_whole
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
 
 
 def _validate(arguments: argparse.Namespace) -> int:
@@ -107,4 +115,152 @@ SIMULATE = Command(
         argument("--out", "FILE", "CSV file to write", required=True),
     ),
     _simulate,
+)
+
+
+#: The name that pip installs percept by.
+_DISTRIBUTION = "percept-haptics"
+#: The name that the package index gave to another project, with a package `percept` of its own.
+_STRANGER = "percept"
+
+_DOCTOR = """Say what percept runs on: Python, its dependencies and their versions, and the cache.
+
+PERCEPT_CACHE names another folder for the cache, or turns it off with the word "off". Beyond a
+gigabyte the posteriors not used for longest go.
+"""
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    """Look at the cache, print shell completion, or check the installation."""
+    if arguments.cache is not None:
+        _cache(arguments.cache)
+        return 0
+    if arguments.completion is not None:
+        _completion(arguments)
+        return 0
+    return _check_installation()
+
+
+def _check_installation() -> int:
+    """Print the environment; 1 where a package is missing, of another version or a stranger's."""
+    from packaging.requirements import Requirement
+
+    from percept.cache import cache_folder
+
+    needed = 0
+    broken: list[str] = []
+    extras: dict[str, list[str]] = {}  # What each extra lacks
+    for line in metadata.requires(_DISTRIBUTION) or ():
+        requirement = Requirement(line)
+        extra = re.search(r"extra == .([\w-]+)", str(requirement.marker or ""))
+        if extra is None:
+            needed += 1
+            lacking = broken
+        else:
+            lacking = extras.setdefault(extra[1], [])
+        if not _is_met(requirement):
+            lacking.append(f"{requirement.name}{requirement.specifier}")
+    print(f"percept {__version__}, Python {platform.python_version()}, {platform.platform()}")
+    print(f"needed: {needed - len(broken)} of {needed} packages are here")
+    states = [
+        f"{name} lacks {', '.join(lacking)}" if lacking else name
+        for name, lacking in extras.items()
+    ]
+    print(f"extras: {'; '.join(states)}")
+    print(f"cache: {cache_folder() or 'off'}")
+    for package in broken:
+        print(f'Install {package}: python -m pip install "{package}"')
+    stranger = _is_installed(_STRANGER)
+    if stranger:
+        print(
+            f"Another project's package '{_STRANGER}' is installed here, and its files replace "
+            f"the files of {_DISTRIBUTION}. Remove it: python -m pip uninstall {_STRANGER}. "
+            f"Then run: python -m pip install --force-reinstall {_DISTRIBUTION}"
+        )
+    if not broken and not stranger:
+        print("Everything percept needs is here.")
+    return int(bool(broken) or stranger)
+
+
+def _is_installed(distribution: str) -> bool:
+    """Whether a distribution of exactly this name is here."""
+    try:
+        metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def _is_met(requirement: Requirement) -> bool:
+    """Whether a package is here in a version that is asked for."""
+    try:
+        version = metadata.version(requirement.name)
+    except metadata.PackageNotFoundError:
+        return False
+    return requirement.specifier.contains(version, prereleases=True)
+
+
+def _cache(action: str) -> None:
+    """Print the folder, how many posteriors it keeps and their size, or clear it."""
+    from percept.cache import PosteriorCache, cache_folder
+
+    folder = cache_folder()
+    if folder is None:
+        hint = "Unset it, or let it name a folder."
+        raise UsageError("the cache is turned off.", key="PERCEPT_CACHE", value="off", hint=hint)
+    if folder.exists() and not folder.is_dir():
+        hint = "Let PERCEPT_CACHE name another."
+        raise UsageError(
+            "a folder is needed here, and this is a file.", file=str(folder), hint=hint
+        )
+    cache = PosteriorCache(folder)
+    if action == "clear":
+        print(f"{folder}: {counted(cache.clear(), 'posterior')} removed")
+        return
+    entries = cache.entries()
+    megabytes = sum(entries.values()) / 1e6
+    print(
+        f"{folder}: {counted(len(entries), 'posterior')}, {megabytes:.1f} of"
+        f" {cache.limit / 1e6:.0f} MB"
+    )
+
+
+def _completion(arguments: argparse.Namespace) -> None:
+    """Print the script; files are completed wherever a command takes paths."""
+    import shtab
+
+    parser = arguments.build_parser()
+    (commands,) = (action for action in parser._actions if action.dest == "command")
+    assert isinstance(commands.choices, dict)
+    offered = {"PATH": shtab.FILE, "FILE": shtab.FILE, "DIR": shtab.DIRECTORY}
+    for command in commands.choices.values():
+        for action in command._actions:
+            if action.metavar in offered:
+                action.complete = offered[action.metavar]
+    print(shtab.complete(parser, shell=arguments.completion))
+
+
+DOCTOR = Command(
+    _DOCTOR,
+    """percept doctor
+  percept doctor --cache clear
+  eval "$(percept doctor --completion bash)"                # bash, in ~/.bashrc
+  eval "$(percept doctor --completion zsh)"                 # zsh, in ~/.zshrc after compinit
+  percept doctor --completion fish > ~/.config/fish/completions/percept.fish
+  percept doctor --completion tcsh > ~/.percept.csh         # tcsh, then source it in ~/.tcshrc""",
+    (
+        argument(
+            "--cache",
+            None,
+            "show or clear the posteriors kept for next time",
+            choices=("show", "clear"),
+        ),
+        argument(
+            "--completion",
+            None,
+            "print a completion script for a shell",
+            choices=("bash", "zsh", "fish", "tcsh"),
+        ),
+    ),
+    _doctor,
 )

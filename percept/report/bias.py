@@ -6,6 +6,19 @@ from collections.abc import Sequence
 
 from percept.errors import capitalised
 from percept.inference.record import percent
+from percept.report.basics import (
+    KINDS,
+    METHOD_NAMES,
+    METHODS,
+    distinct,
+    families_from,
+    family_of,
+    first,
+    gives_means,
+    matching,
+    present,
+    unwidened,
+)
 from percept.report.contrast import contrast
 from percept.report.overview import setting_sentences
 from percept.report.sections import (
@@ -22,33 +35,19 @@ from percept.report.sections import (
     table_of,
     value,
 )
-from percept.report.select import (
-    KINDS,
-    METHOD_NAMES,
-    METHODS,
-    distinct,
-    families_from,
-    family_of,
-    first,
-    gives_means,
-    matching,
-    present,
-    unwidened,
-)
 from percept.results import EquivalenceRow, IntervalRow, PsychophysicsRow, Results
 
 #: What measures are called, in the order of the page. The PSE is the mean that stands elsewhere.
 _MEASURES = {
     "jnd": "JND (SD of a {subject}’s adjustments)",
-    "jnd_quartile": "JND (.6745 SD)",
     "weber": "Weber fraction",
     "sd_subjects": "SD between {subjects}",
     "icc_1": "ICC(1), the reliability of one trial",
-    "sigma_u": "σ u, between {subjects}",
-    "sigma_w": "σ w, SD between {subjects} of one {environment} alone",
-    "sigma_e": "σ e, between trials",
-    "icc_c1": "ICC(C,1): {subjects} keep their order",
-    "icc_a1": "ICC(A,1): {subjects} keep their values",
+    "sigma_u": "σ u",
+    "sigma_w": "σ w",
+    "sigma_e": "σ e",
+    "icc_c1": "ICC(C,1)",
+    "icc_a1": "ICC(A,1)",
     "correlation": "Correlation",
     "gamma": "γ per decade",
     "sigma_slope": "σ of slopes per decade",
@@ -128,7 +127,8 @@ def _psychophysics(results: Results) -> Section:
         of_measure = matching(rows, measure=measure)
         for field in ("environment", "subject"):
             own = [row for row in of_measure if getattr(row, field) is not None]
-            if own:
+            # By environment, SDs between trials are the JNDs above.
+            if own and (measure != "sigma_e" or field == "subject"):
                 by = getattr(words, field)
                 columns: Columns = {capitalised(by): str}
                 columns |= side_by_side(own, field, ("parameter", "method"), _measured)
@@ -136,8 +136,13 @@ def _psychophysics(results: Results) -> Section:
                 caption = f"{named}{f' ({units})' if units else ''}, by {by}, {level} limits."
                 tables.append(table_of(caption, distinct(own, field), columns, csv="psychophysics"))
     said = f"The PSE is the average {words.user}’s setting above."
-    if rows[0].family == "lognormal":
-        said += " σ u, σ w and σ e are SDs of logarithms."
+    if overall:
+        logarithms = " of logarithms" if rows[0].family == "lognormal" else ""
+        said += (
+            f" σ u, σ w and σ e are SDs{logarithms}: between {words.subjects} in all"
+            f" {words.environments}, between them in one alone, and between trials. ICC(C,1) is"
+            f" high where {words.subjects} keep their order, ICC(A,1) where they keep their values."
+        )
     title = "Thresholds, spreads and reliability"
     return Section("psychophysics", title, [said], tables, ["overview"])
 
@@ -147,17 +152,18 @@ def _measured(row: PsychophysicsRow) -> Cell:
 
 
 def _overall(rows: Sequence[PsychophysicsRow], results: Results) -> Table:
-    """Return the table of what is over all environments: a measure of a quantity a row."""
+    """Return the table of what is over all environments."""
     words = results.data.words
-    units = {(row.measure, row.parameter): row.unit for row in rows}
-    lines = sorted(units, key=lambda line: list(_MEASURES).index(line[0]))
-    columns: Columns = {
-        "Measure": lambda line: _MEASURES[line[0]].format(**vars(words)),
-        "Quantity": lambda line: f"{line[1]} ({units[line]})" if units[line] else line[1],
-    }
-    columns |= side_by_side(rows, "measure parameter", ("method",), estimate)
+
+    def named(measure: str) -> str:
+        units = ", ".join(filter(None, distinct(matching(rows, measure=measure), "unit")))
+        return _MEASURES[measure].format(**vars(words)) + (f" ({units})" if units else "")
+
+    columns: Columns = {"Measure": named}
+    columns |= side_by_side(rows, "measure", ("parameter", "method"), estimate)
     caption = f"Over all {words.environments}, with limits."
-    return table_of(caption, lines, columns, name="psychophysics", csv="psychophysics")
+    measures = present(_MEASURES, rows, "measure")
+    return table_of(caption, measures, columns, name="psychophysics", csv="psychophysics")
 
 
 def _jnd(results: Results) -> Section:

@@ -7,19 +7,23 @@ from dataclasses import dataclass
 
 from percept.errors import capitalised
 from percept.inference.record import percent
-from percept.report.numbers import MOST_NAMED, Estimated, digits_of, listed, short
-from percept.report.select import (
+from percept.report.basics import (
     KINDS,
     METHOD_NAMES,
     METHODS,
+    MOST_NAMED,
     MOST_SHOWN,
+    Estimated,
+    digits_of,
     distinct,
     families_from,
     family_of,
     first,
     is_relative,
+    listed,
     matching,
     present,
+    short,
     unwidened,
 )
 from percept.results import IntervalRow, LadderEffect, Results

@@ -11,8 +11,18 @@ import numpy as np
 
 from percept.boundary.band import size_name
 from percept.errors import capitalised
+from percept.report.basics import (
+    METHOD_NAMES,
+    distinct,
+    family_of,
+    is_known,
+    matching,
+    percentage,
+    present,
+    short,
+    unwidened,
+)
 from percept.report.biases import drawn_said, foremost
-from percept.report.numbers import is_known, percentage, short
 from percept.report.sections import (
     Cell,
     Columns,
@@ -25,7 +35,6 @@ from percept.report.sections import (
     table_of,
     value,
 )
-from percept.report.select import METHOD_NAMES, distinct, family_of, matching, present, unwidened
 from percept.results import (
     BandLaw,
     BandPair,
@@ -161,7 +170,7 @@ def boundaries(results: Results) -> Section:
     shapes = [f"{name}: {_SHAPES[name]}." for name in present(_SHAPES, records, "shape")]
     return Section(
         "boundaries",
-        "Boundaries and bands",
+        "Boundaries and bands" if records else "Bands",
         sentences,
         parts=[
             Section(

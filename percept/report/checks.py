@@ -1,16 +1,25 @@
-"""Whether the sampler and the model may be relied on, and the subjects one by one."""
+"""Whether numbers may be relied on: the sampler, the model, each subject, and what was read."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 from percept.errors import capitalised
 from percept.inference.record import percent
+from percept.report.basics import (
+    MOST_SHOWN,
+    Estimated,
+    distinct,
+    first,
+    listed,
+    matching,
+    possessive,
+    short,
+)
 from percept.report.biases import foremost
-from percept.report.cautions import misfits
-from percept.report.decisions import RENDERED
-from percept.report.numbers import Estimated, listed, short
+from percept.report.decisions import RENDERED, judged_verdicts
+from percept.report.overview import misfits
 from percept.report.sections import (
     NOTHING,
     Cell,
@@ -24,8 +33,16 @@ from percept.report.sections import (
     table_of,
     value,
 )
-from percept.report.select import MOST_SHOWN, distinct, first, matching
-from percept.results import IntervalWithout, LeftOut, Results, Verdict
+from percept.results import (
+    IntervalWithout,
+    LeftOut,
+    LeftOutRow,
+    Note,
+    Results,
+    Verdict,
+    plain,
+)
+from percept.scene import Scene
 
 
 def checks(results: Results) -> Section:
@@ -95,8 +112,8 @@ def _model(results: Results) -> Section:
         record.normality, "environment", ("parameter", "family"), of("p_value", 3)
     )
     normality_caption = (
-        f"p of Shapiro–Wilk tests of the {words.subjects}’ values (normal) and of their logarithms"
-        " (lognormal), which classical intervals assume."
+        f"p of Shapiro–Wilk tests of the {possessive(words.subjects)} values (normal) and of their"
+        " logarithms (lognormal), which classical intervals assume."
     )
     statistics = name | side_by_side(
         record.statistics, "environment", ("parameter", "statistic"), of("above", 3)
@@ -184,11 +201,10 @@ def _without(results: Results, loo: LeftOut) -> Table:
         own = matching(rows, parameter=name)
         head = f"{quantity.head} ({quantity.unit})" if quantity.unit else quantity.head
         columns[head] = column(own, "environment", moved_most)
-    for coupled in (False, True):
-        verdicts = matching(results.verdicts, coupled=coupled)
-        if any(one.without for one in verdicts):
-            judged = partial(_judged_without, names=names)
-            columns[f"real, {RENDERED[coupled]}"] = column(verdicts, "environment", judged)
+    verdicts = judged_verdicts(results)
+    if any(one.without for one in verdicts):
+        judged = partial(_judged_without, names=names)
+        columns[f"real, {RENDERED[verdicts[0].coupled]}"] = column(verdicts, "environment", judged)
     level = percent(results.provenance.scene["inference"]["level"])
     caption = (
         f"The average {words.user} (Bayesian, {level} limits), and the probability that the display"
@@ -209,3 +225,97 @@ def _judged_without(verdict: Verdict, names: Sequence[str]) -> Cell:
         return NOTHING
     index = max(known, key=lambda index: abs(known[index] - whole))
     return (*value(known[index], 3, "percent"), f", {names[index]}")
+
+
+def data(results: Results) -> Section:
+    """Return the section of the data and their provenance."""
+    words = results.data.words
+    read = results.data
+    labels = {
+        "subjects": words.subjects,
+        "environments": words.environments,
+        "empty cells (subject × environment)": (
+            f"empty cells ({words.subject} × {words.environment})"
+        ),
+    }
+    counts = [f"{labels.get(what, what)} {count}" for what, count in read.counts.items() if count]
+    cells: Columns = {capitalised(words.environment): str}
+    for name in distinct(read.cells, "parameter"):
+        own = matching(read.cells, parameter=name)
+        unit = f" ({own[0].unit})" if own[0].unit else ""
+        cells[f"{name}, {words.subjects}"] = column(own, "environment", of("n", style="count"))
+        cells[f"{name}, mean{unit}"] = column(own, "environment", of("mean"))
+        cells[f"{name}, SD{unit}"] = column(own, "environment", of("sd"))
+    left_out: Columns = {
+        "Who": of("who"),
+        "What": of("what"),
+        "Why": of("why"),
+        "Where": _place,
+    }
+    caption = f"Values: {possessive(words.subjects)} means over their trials."
+    sentences = [f"Read: {', '.join(counts)}."] if counts else []
+    if not read.exclusions:
+        sentences.append("No row was left out.")
+    return Section(
+        "data",
+        "Data",
+        [" ".join(sentences)],
+        [
+            table_of(caption, distinct(read.cells, "environment"), cells, csv="data"),
+            table_of("What was left out, and why.", read.exclusions, left_out),
+            _settings(results),
+        ],
+        parts=[
+            Section("doubts", "To look at; nothing is left out", _notes(read.doubts), form="list"),
+            Section("notices", "Choices of the reader", _notes(read.notices), form="list"),
+            Section("provenance", "Provenance", [" ".join(_provenance(results))]),
+            Section("skipped", "Not computed", _skipped(results), form="list"),
+        ],
+        is_folded=True,
+    )
+
+
+def _place(row: LeftOutRow | Note) -> str:
+    """Name the file and line of a note."""
+    if not row.file:
+        return ""
+    return row.file if row.row is None else f"{row.file}:{row.row}"
+
+
+def _notes(notes: Sequence[Note]) -> list[str]:
+    return [": ".join(filter(None, (_place(note), note.text))) for note in notes]
+
+
+def _provenance(results: Results) -> Iterator[str]:
+    """Say which versions, seed and files these results are of."""
+    made = results.provenance
+    versions = ", ".join(f"{name} {version}" for name, version in made.versions.items())
+    yield f"Made with {versions}; seed {made.seed}."
+    for file in made.files:
+        yield f"{file.name}: {file.rows} rows, SHA-256 {file.sha256}."
+
+
+def _settings(results: Results) -> Table:
+    """Return every setting that is not the default."""
+    defaults = plain(Scene().to_dict())
+    lines: list[list[Cell]] = []
+    for table, entries in results.provenance.scene.items():
+        usual = defaults.get(table) or {}
+        for key, setting in entries.items() if isinstance(entries, Mapping) else ():
+            is_empty = isinstance(setting, Mapping) and not any(setting.values())
+            if setting and not is_empty and setting != usual.get(key):
+                lines.append([(f"{table}.{key}",), (str(setting),)])
+    return Table("The scene, where it differs from the defaults.", ["Key", "Value"], lines)
+
+
+def _skipped(results: Results) -> list[str]:
+    """Say what was not computed of what somebody asked for."""
+    scene = results.provenance.scene
+    unasked = [f"[{table}]" for table in ("device", "coupling") if not scene.get(table)]
+    has_jnd = bool((scene.get("study") or {}).get("jnd"))
+    sentences = []
+    for row in results.skipped:
+        is_asked = has_jnd or not row.what.startswith("JND")
+        if is_asked and not any(table in row.why for table in unasked):
+            sentences.append(f"{row.what}: {row.why}.")
+    return sentences

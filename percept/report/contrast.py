@@ -8,7 +8,19 @@ from typing import Any
 
 from percept.errors import capitalised
 from percept.inference.record import percent
-from percept.report.numbers import Estimated, digits_of, listed
+from percept.report.basics import (
+    KINDS,
+    METHOD_NAMES,
+    METHODS,
+    Estimated,
+    digits_of,
+    distinct,
+    gives_means,
+    listed,
+    matching,
+    possessive,
+    present,
+)
 from percept.report.sections import (
     NOTHING,
     Cell,
@@ -19,14 +31,6 @@ from percept.report.sections import (
     of,
     table_of,
     value,
-)
-from percept.report.select import (
-    KINDS,
-    METHOD_NAMES,
-    METHODS,
-    distinct,
-    matching,
-    present,
 )
 from percept.results import ContrastRow, Results
 from percept.sessions.formula import TRIAL_REFERENCE
@@ -98,6 +102,11 @@ def contrast(results: Results) -> Section:
         )
     if groups:
         sentences.append(f"Different {words.subjects} are compared in {groups}.")
+    if matching(rows, of="interaction"):
+        sentences.append(
+            "An interaction compares changes: “b, y against a, x” is the change from a to b at y,"
+            " against that at x."
+        )
     if matching(rows, of="precision"):
         sentences.append(
             f"Precision is the ratio of SDs between a {words.subject}’s trials, and so of JNDs and"
@@ -119,6 +128,7 @@ def contrast(results: Results) -> Section:
 def _table(rows: Sequence[ContrastRow], results: Results) -> Table:
     """Return the one table of the contrasts of average users, and of spreads."""
     words = results.data.words
+    is_mean = gives_means(results)
     parameters = list(results.data.quantities)
     pairs = list(dict.fromkeys((row.factor, row.first, row.second) for row in rows))
 
@@ -131,6 +141,8 @@ def _table(rows: Sequence[ContrastRow], results: Results) -> Table:
 
     def compared(row: ContrastRow) -> str:
         named = _PARTS.get(row.of) or f"{row.of} {row.factor}"
+        if is_mean and row.kind:
+            named = {"level": "mean", "bias": "difference"}.get(row.of, named)
         return f"{named} ({row.unit})" if row.unit else named
 
     def together(row: ContrastRow) -> Cell:
@@ -142,7 +154,9 @@ def _table(rows: Sequence[ContrastRow], results: Results) -> Table:
 
     above = "P(> 1)" if rows[0].family == "lognormal" else "P(> 0)"
     columns: Columns = {
-        "Contrast": lambda row: f"{row.second} against {row.first}",
+        "Contrast": lambda row: (
+            row.second if is_mean and row.of == "level" else f"{row.second} against {row.first}"
+        ),
         capitalised(words.environment): where,
         "Quantity": lambda row: results.data.quantities[row.parameter].label,
         "Of": compared,
@@ -179,8 +193,8 @@ def _anova(results: Results) -> Table:
         "generalised η²": of("generalised_eta2", 2),
     }
     caption = (
-        f"Analysis of variance of the {results.data.words.subjects}’ means; degrees of freedom by"
-        " Greenhouse and Geisser’s ε."
+        f"Analysis of variance of the {possessive(results.data.words.subjects)} means; degrees of"
+        " freedom by Greenhouse and Geisser’s ε."
     )
     return table_of(caption, results.anova, columns, name="anova", csv="anova")
 
@@ -210,7 +224,7 @@ def _clarity(row: ContrastRow) -> float:
 def _difference(row: ContrastRow, results: Results) -> str:
     """Say how the second level differs from the first, and on how much of the study that rests."""
     words = results.data.words
-    who = {"user": f"next {words.user}’s ", "share": f"most {words.users}’ "}.get(
+    who = {"user": f"next {words.user}’s ", "share": f"most {possessive(words.users)} "}.get(
         row.kind or "", ""
     )
     what = who + results.data.quantities[row.parameter].label

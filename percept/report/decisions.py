@@ -7,9 +7,16 @@ from collections.abc import Mapping, Sequence
 from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, judge
 from percept.errors import capitalised
 from percept.inference.record import percent
+from percept.report.basics import (
+    METHOD_NAMES,
+    MOST_NAMED,
+    distinct,
+    listed,
+    matching,
+    short,
+    spanned,
+)
 from percept.report.biases import cause_sentences
-from percept.report.numbers import MOST_NAMED, listed, short, spanned
-from percept.report.select import METHOD_NAMES, distinct, matching
 from percept.results import ConfirmedCoupling, Rendered, Results, Verdict, Words
 
 #: How an environment is displayed, by whether it is through the coupling.

@@ -9,8 +9,8 @@ from percept.boundary.confidence import FEWEST_FOR_PAIR, PARTS
 from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE
 from percept.errors import capitalised
 from percept.inference.record import percent
+from percept.report.basics import METHOD_NAMES, distinct, matching, percentage, short
 from percept.report.decisions import RENDERED, judged_verdicts, paper_rule
-from percept.report.numbers import percentage, short
 from percept.report.sections import (
     NOTHING,
     Cell,
@@ -23,7 +23,6 @@ from percept.report.sections import (
     table_of,
     value,
 )
-from percept.report.select import METHOD_NAMES, distinct, matching
 from percept.results import (
     ChangedVerdict,
     ConfirmedCoupling,

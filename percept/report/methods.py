@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import tomllib
 from collections.abc import Iterator
 from functools import cache
@@ -11,18 +12,21 @@ from importlib import resources
 from percept import __version__
 from percept.errors import capitalised, counted
 from percept.inference.record import percent
-from percept.report.numbers import listed, percentage, short
-from percept.report.sections import Section
-from percept.report.select import (
+from percept.report.basics import (
     KINDS,
     distinct,
     family_of,
     gives_means,
     is_relative,
+    listed,
     makes_impedance,
     matching,
+    percentage,
+    possessive,
     present,
+    short,
 )
+from percept.report.sections import Section
 from percept.results import Results
 
 _CLASSICAL = {
@@ -30,6 +34,10 @@ _CLASSICAL = {
     "user": "prediction intervals of the next {0}",
     "share": "exact two-sided tolerance intervals",
 }
+
+
+#: The key of a work, before it becomes a number.
+_KEY = re.compile(r"\[\w+\]")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,14 +70,17 @@ def methods(results: Results, paragraph: str) -> Section:
 
 def methods_paragraph(results: Results) -> list[str]:
     """Say how the results were obtained, sentence by sentence, in the past tense of a paper."""
+    ranks = {f"[{one.key}]": f"[{rank}]" for rank, one in enumerate(cited(results), start=1)}
+    return [
+        _KEY.sub(lambda found: ranks.get(found[0], found[0]), sentence)
+        for sentence in _sentences(results)
+    ]
+
+
+def _sentences(results: Results) -> list[str]:
+    """Return the sentences with the keys of works in square brackets."""
     sentences = [who_gave_what(results), *_fitted(results), *_compared(results)]
     return [sentence for sentence in [*sentences, *_displayed(results)] if sentence]
-
-
-def _cite(results: Results, key: str) -> str:
-    """Return the number of a work in square brackets."""
-    keys = [reference.key for reference in cited(results)]
-    return f" [{keys.index(key) + 1}]" if key in keys else ""
 
 
 def who_gave_what(results: Results) -> str:
@@ -140,8 +151,8 @@ def _fitted(results: Results) -> Iterator[str]:
     if not kinds:
         return
     what = "Realistic performance boundaries" if results.boundaries else "Intervals"
-    boundaries = _cite(results, "boundaries")
-    yield f"{what}{boundaries} were derived with percept {__version__}{_cite(results, 'percept')}."
+    boundaries = " [boundaries]" if makes_impedance(results) else ""
+    yield f"{what}{boundaries} were derived with percept {__version__} [percept]."
     if "classical" in used:
         named = listed([_CLASSICAL[kind].format(words.user) for kind in kinds])
         families = {"normal"}
@@ -154,7 +165,7 @@ def _fitted(results: Results) -> Iterator[str]:
         if design and design.trials[1] > 1:
             repeats = f"; each {words.subject} counts once, by the mean of the trials"
         yield (
-            f"Classical intervals are {named}{_cite(results, 'meeker2017')}, for"
+            f"Classical intervals are {named} [meeker2017], for"
             f" {' and for '.join(sorted(families, reverse=True))} values, each equal-tailed"
             f"{repeats}."
         )
@@ -174,8 +185,8 @@ def _sampled(results: Results) -> Iterator[str]:
     """Say which model was sampled, how, and how accurately."""
     model = results.provenance.scene["model"]
     sampler = (
-        f"emcee{_cite(results, 'emcee')} by independent proposals and preconditioned Crank–Nicolson"
-        f" steps{_cite(results, 'cotter2013')}"
+        "emcee [emcee] by independent proposals and preconditioned Crank–Nicolson"
+        " steps [cotter2013]"
     )
     if model["pooling"] == "partial":
         response = "logarithm of the ratio of adjustment to reference"
@@ -207,7 +218,7 @@ def _sampled(results: Results) -> Iterator[str]:
         )
     yield (
         f"{start} the Monte Carlo standard error of every limit of the Bayesian intervals was"
-        f" {reached}, with rank R̂{_cite(results, 'vehtari2021')} below {gate.rhat_limit} across"
+        f" {reached}, with rank R̂ [vehtari2021] below {gate.rhat_limit} across"
         f" {diagnostics.ensembles} separately seeded ensembles."
     )
     changed = [prior for prior in diagnostics.priors if prior.prior in model.get("priors", {})]
@@ -239,8 +250,8 @@ def _compared(results: Results) -> Iterator[str]:
         yield f"Levels of {factors} were compared by {'; '.join(how)}."
     if results.anova:
         yield (
-            f"Analysis of variance of the {words.subjects}’ means tested all levels of a term at"
-            f" once, with Greenhouse’s and Geisser’s correction{_cite(results, 'greenhouse1959')}."
+            f"Analysis of variance of the {possessive(words.subjects)} means tested all levels of a"
+            " term at once, with Greenhouse’s and Geisser’s correction [greenhouse1959]."
         )
     if "bayesian" in by:
         yield "One hierarchical model of all cells gave the Bayesian contrasts."
@@ -292,8 +303,8 @@ def _displayed(results: Results) -> Iterator[str]:
         yield (
             f"The virtual coupling ({results.coupling.stiffness:g} N/m,"
             f" {results.coupling.damping:g} N·s/m) was judged by Eq. 10, Llewellyn’s"
-            f" criterion{_cite(results, 'adams1999')}. What the device renders was judged in time,"
-            f" with every passive hand{_cite(results, 'colgate1997')}."
+            f" criterion [adams1999]. What the device renders was judged in time,"
+            f" with every passive hand [colgate1997]."
         )
 
 
@@ -380,19 +391,9 @@ def _references() -> tuple[Reference, ...]:
 
 def cited(results: Results) -> list[Reference]:
     """Return what the methods paragraph of results cites, in order."""
-    used = distinct(results.intervals, "method")
-    needed = {"percept"}
-    if makes_impedance(results):
-        needed.add("boundaries")
-    if "classical" in used:
-        needed.add("meeker2017")
-    if "bayesian" in used:
-        needed |= {"emcee", "cotter2013", "vehtari2021"}
-    if results.anova:
-        needed.add("greenhouse1959")
-    if results.provenance.scene.get("coupling") and makes_impedance(results):
-        needed |= {"adams1999", "colgate1997"}
-    return [reference for reference in _references() if reference.key in needed]
+    keys = dict.fromkeys(_KEY.findall(" ".join(_sentences(results))))
+    works = {f"[{reference.key}]": reference for reference in _references()}
+    return [works[key] for key in keys if key in works]
 
 
 def bibtex(results: Results) -> str:

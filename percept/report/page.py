@@ -13,15 +13,14 @@ from jinja2.sandbox import SandboxedEnvironment
 from markupsafe import Markup, escape
 
 from percept.provenance import commit_of_code
+from percept.report.basics import title_of
 from percept.report.bias import bias
 from percept.report.boundaries import boundaries, comparison
-from percept.report.checks import checks
-from percept.report.data import data
+from percept.report.checks import checks, data
 from percept.report.display import display
 from percept.report.methods import methods
 from percept.report.overview import summary
 from percept.report.sections import Plot, Section, Table, Value
-from percept.report.select import title_of
 from percept.results import Findings, Results
 
 _LONG = 32  # letters of a cell that may be broken

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import Any, Literal, NamedTuple, TypeAlias
 
-from percept.report.numbers import digits_of, is_known, written
-from percept.report.select import METHOD_NAMES, matching
+from percept.report.basics import METHOD_NAMES, digits_of, is_known, matching, written
 
 
 @dataclass(frozen=True)
@@ -143,9 +141,8 @@ def table_of(caption: str, rows: Iterable[Any], columns: Columns, **names: str) 
 def column(
     records: Sequence[Any], down: str, cell: Callable[[Any], Cell | str]
 ) -> Callable[[Any], Cell | str]:
-    """Return what makes the cell of the record that has a row's name in its field, or fields."""
-    name_of = attrgetter(*down.split())
-    by_name = {name_of(record): record for record in reversed(records)}
+    """Return what makes the cell of the record that has a row's name in a field."""
+    by_name = {getattr(record, down): record for record in reversed(records)}
     return lambda name: cell(by_name[name]) if name in by_name else NOTHING
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from percept.files import inert
-from percept.report.numbers import SUPERSCRIPT
+from percept.report.basics import SUPERSCRIPT
 from percept.report.sections import Cell, Section, Table
 from percept.results import Results
 

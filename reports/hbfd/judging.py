@@ -13,7 +13,7 @@ from importlib import resources
 from typing import Literal, TypeAlias
 
 from percept.haptics import Device
-from percept.report.numbers import rounded
+from percept.report.basics import rounded
 from reports.hbfd import claims_coupling, claims_figures, claims_table
 from reports.hbfd.devices import DAMPINGS, MASSES
 from reports.hbfd.published import Evidence, Published, Value, evidence

@@ -148,19 +148,3 @@ def test_nothing_is_shown_where_not_wanted(tmp_path):
     words = ["fit", SESSIONS, "--method", "classical", "--quiet", "--out", tmp_path]
     code, _, shown = on_a_terminal(COMMAND, *map(str, words))
     assert (code, shown) == (0, "")
-
-
-def test_a_reader_who_has_read_enough(tmp_path):
-    reading, writing = os.pipe()
-    os.close(reading)
-    words = [sys.executable, "-m", "percept", "fit", SESSIONS, "--method", "classical", "--quiet"]
-    done = subprocess.run(
-        [*words, "--out", str(tmp_path)],
-        stdout=writing,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-    )
-    os.close(writing)
-    assert (done.returncode, done.stderr) == (141, "")
-    assert (tmp_path / "fit.json").exists()

@@ -95,23 +95,6 @@ def test_the_page_s_svg_takes_its_colours_from_the_page(found):
     assert not left, left
 
 
-def test_hostile_names_are_drawn_as_text(both):
-    document = copy.deepcopy(both)
-    parts = ("intervals", "boundaries", "close")
-    of_cells = [row for row in document["psychophysics"] if row["environment"]]
-    for part in (*(document[name] for name in parts), document["data"]["cells"], of_cells):
-        for row in part:
-            row["environment"] = row["environment"].replace("VE1", HOSTILE)
-    for table in ("zoom", "impedances", "close_impedances"):
-        document[table][HOSTILE] = document[table]["VE1"]
-    by_name = {drawing.name: drawing for drawing in drawings_of(document)}
-    for name in ("ratios",):
-        text = inline(by_name[name])
-        assert "<script" not in text
-        seen = "".join(ET.fromstring(text).itertext())
-        assert HOSTILE[-9:] in seen
-
-
 def drawn_on(drawing):
     figure = Figure(figsize=(WIDTH / 25.4, drawing.height / 25.4), layout="constrained")
     drawing.draw(figure)

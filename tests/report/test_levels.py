@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from percept.report.figures.canvas import drawn
+from percept.report.basics import distinct, matching
 from percept.report.figures.intervals import level_drawings
 from percept.report.methods import who_gave_what
-from percept.report.sections import Plot
-from percept.report.select import distinct, matching
 from percept.results import LevelValues
-from tests.documents import build_document, page_of
 from tests.study.test_anova import modelled
 from tests.study.within import crossed, frame, study
 
@@ -91,32 +88,6 @@ def test_groups_stand_side_by_side_and_colour_the_lines_of_the_others():
     groups = distinct(matching(results.levels, within=False), "level")
     lines = {line.get_label(): line for line in axes_of(drawings[0])[0].lines}
     assert len({lines[name].get_color() for name in groups}) == len(groups) == 2
-
-
-def test_both_methods_stand_beside_each_other():
-    results = results_of(study(frame()))
-    levels = [row for row in results.contrast if row.of == "level" and row.kind == "mean"]
-    bayesian = [dataclasses.replace(row, method="bayesian") for row in levels]
-    both = dataclasses.replace(results, contrast=(*results.contrast, *bayesian))
-    (drawing,) = level_drawings(both)
-    places = sorted(
-        round(float(line.get_xdata()[0]), 9)
-        for line in axes_of(drawing)[0].lines
-        if len(line.get_xdata()) == 2 and line.get_xdata()[0] == line.get_xdata()[1] > 0
-    )
-    assert places == [0.2, 0.3, 1.2, 1.3]
-
-
-def test_it_is_the_first_figure_of_the_page():
-    made = study(frame())
-    results = results_of(made)
-    plots = {}
-    for drawing in level_drawings(results):
-        _, svg = drawn(drawing, ())
-        plots[drawing.name] = Plot(drawing.title, drawing.description, svg, ())
-    page = page_of(build_document(made, curves=False), plots)
-    assert page.count("<strong>Figure 1. Stiffness k at the levels of hand") == 1
-    assert page.index('id="figure-levels_k_1"') < page.index('id="bias"')
 
 
 def test_groups_count_subjects_who_lack_references():

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from percept.report.numbers import apart, is_known, percentage, rounded, written
+from percept.report.basics import apart, is_known, percentage, rounded, written
 
 _SUPERSCRIPT = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 

@@ -7,12 +7,10 @@ import dataclasses
 import pytest
 
 from percept.boundary.feels_real import judge
+from percept.report.basics import digits_of, first, matching, title_of
 from percept.report.biases import biases_of
-from percept.report.cautions import cautions, misfits
 from percept.report.decisions import doubtful_verdicts, feeling_sentences
-from percept.report.numbers import digits_of
-from percept.report.overview import decide, findings, setting_sentences
-from percept.report.select import first, matching, title_of
+from percept.report.overview import cautions, decide, findings, misfits, setting_sentences
 from percept.results import (
     Checks,
     Confidences,
@@ -508,7 +506,7 @@ def test_an_interval_that_the_prior_widens_is_told(reach, said):
 def test_a_check_that_fails_says_on_which_side(statistic, above, text):
     usual = PredictiveCheck("VE1", "b", statistic, 1.0, 0.5, 1.5, 0.5, unusual=False)
     unusual = PredictiveCheck("VE2", "b", statistic, 1.0, 2.0, 3.0, above, unusual=True)
-    left_out = LeftOut(0.0, 1.0, 0.7, subjects=(), cells=(), messages=())
+    left_out = LeftOut(0.7, subjects=(), cells=(), messages=())
     checks = Checks(normality=(), loo=left_out, statistics=(usual, unusual))
     said = list(misfits(dataclasses.replace(EMPTY, checks=checks)))
     assert any(sentence.startswith(text) for sentence in said)

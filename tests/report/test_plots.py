@@ -95,7 +95,7 @@ def test_the_band_is_drawn_at_its_impedances(both_study, ax):
             lambda study: study.plot_boundary("VE1"),
             r"the study has no boundary\. study\.skipped says why",
         ),
-        (lambda study: study.plot_coupling(), "there is no coupling: the scene has no"),
+        (lambda study: study.plot_coupling(), "there is no coupling. Give the scene a"),
     ],
     ids=["boundary", "coupling"],
 )

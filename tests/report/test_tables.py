@@ -7,7 +7,7 @@ import io
 import pandas as pd
 import pytest
 
-from percept.report.numbers import rounded
+from percept.report.basics import rounded
 from percept.report.tables import csv_tables
 from tests.documents import as_results
 

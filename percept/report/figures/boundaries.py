@@ -12,6 +12,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from percept.boundary.band import law_band, size_name
+from percept.report.basics import (
+    METHOD_NAMES,
+    METHODS,
+    distinct,
+    families_from,
+    family_of,
+    first,
+    is_rendered,
+    matching,
+    present,
+    unwidened,
+)
 from percept.report.biases import drawn_said, foremost
 from percept.report.decisions import FEELINGS
 from percept.report.figures.canvas import (
@@ -24,18 +36,6 @@ from percept.report.figures.canvas import (
     method_legend,
     panels,
     shortened,
-)
-from percept.report.select import (
-    METHOD_NAMES,
-    METHODS,
-    distinct,
-    families_from,
-    family_of,
-    first,
-    is_rendered,
-    matching,
-    present,
-    unwidened,
 )
 from percept.results import Band, Boundary, Results
 from percept.sessions.quantities import Quantity

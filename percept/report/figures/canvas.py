@@ -18,9 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from percept.report.numbers import SUPERSCRIPT
+from percept.report.basics import METHOD_NAMES, SUPERSCRIPT
 from percept.report.sections import Plot
-from percept.report.select import METHOD_NAMES
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them
 # apart as well. The names come from the page's style sheet, where the dark page has its own values.

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from percept.inference.record import percent
+from percept.report.basics import METHOD_NAMES
 from percept.report.biases import drawn_said, foremost
 from percept.report.figures.canvas import (
     COLOURS,
@@ -16,7 +17,6 @@ from percept.report.figures.canvas import (
     panels,
     shortened,
 )
-from percept.report.select import METHOD_NAMES
 from percept.results import (
     Coupling,
     EnvironmentCouplings,

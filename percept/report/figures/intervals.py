@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from percept.report.basics import KINDS, METHODS, distinct, matching
 from percept.report.biases import Bias, biases_of, drawn_said, foremost
 from percept.report.contrast import contrast_rows, is_ratio, level_figures
 from percept.report.figures.canvas import (
@@ -23,7 +24,6 @@ from percept.report.figures.canvas import (
     reference_line,
     shortened,
 )
-from percept.report.select import KINDS, METHODS, distinct, matching
 from percept.results import CellValues, ContrastRow, LevelValues, Results, Words
 from percept.sessions.quantities import Quantity
 

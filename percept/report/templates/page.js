@@ -3,7 +3,7 @@
   const $ = (selector, from = document) => from.querySelector(selector);
   const all = (selector, from = document) => [...from.querySelectorAll(selector)];
   const METHODS = { classical: "classical", bayesian: "Bayesian" };
-  const KINDS = { mean: "mean, the average user", user: "user, the next user", share: "share of users" };
+  const KINDS = { mean: "average user", user: "next user", share: "share of users" };
 
   function element(name, attributes = {}, ...children) {
     const made = document.createElement(name);
@@ -104,7 +104,7 @@
     const bayesian = data.flatMap((one) => one.limits).find((limit) => limit.method === "bayesian");
     if (bayesian) family.value = bayesian.family;
     const [scaleLabel, scale] = select("Scale", "scale", ["ratio", "absolute"],
-      { ratio: "divided by the reference", absolute: "|Z_h| in N·s/m" });
+      { ratio: "over the reference", absolute: "|Z_h| in N·s/m" });
     const edge = (label, index) => {
       const box = element("input", { type: "number", step: "any", min: String(range[0]), max: String(range[1]) });
       box.addEventListener("change", () => {
@@ -127,8 +127,8 @@
     form.addEventListener("change", () => draw());
     const plots = data.map((one) => plot(one));
     place.append(
-      element("p", {}, "Drag across a plot to zoom all of them, double-click for the whole range; with the keyboard, "
-        + "arrows move the reading line, plus and minus zoom, Escape goes back."),
+      element("p", {}, "Drag across a plot to zoom all, double-click for the whole range. Keys: arrows read, "
+        + "plus and minus zoom, Escape goes back."),
       form, element("p", { class: "legend" },
         ...[["classical", "classical limits"], ["bayesian", "Bayesian limits"], ["ink", "the reference"],
           ...(data.some((one) => one.coupled) ? [["coupled", "the reference through the coupling"]] : [])]
