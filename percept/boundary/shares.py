@@ -102,6 +102,12 @@ class Users:
             correlation=self.correlation[..., which],
         )
 
+    def typical(self) -> Users:
+        """Return one population, of the median mean, SD and correlation."""
+        mean = np.median(self.mean, axis=1, keepdims=True)
+        sd = np.median(self.sd, axis=1, keepdims=True)
+        return Users(self.log, mean, sd, np.median(self.correlation, keepdims=True))
+
     def column(self) -> Users:
         """Return the same with a last axis of one, which frequencies broadcast against."""
         return self.select(None)

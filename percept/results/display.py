@@ -432,4 +432,4 @@ class OtherDevices(NotebookRecord):
     coupled: bool  # Whether the scene has a coupling
     verdicts: tuple[ChangedVerdict, ...]  # Of what one of these devices renders
     method: Method  # Whose draws of the users these are
-    draws: int
+    draws: int  # At least: where these decide nothing there are up to four times as many

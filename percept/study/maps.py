@@ -17,6 +17,7 @@ import numpy as np
 
 from percept.boundary.couplings import CouplingJudge
 from percept.boundary.feels_real import (
+    MAP_DRAWS,
     Evidence,
     feels_real,
     judge,
@@ -41,9 +42,6 @@ from percept.study.device import Setup
 from percept.study.rendering import StableCouplings
 from percept.study.verdicts import MapUsers, frequencies, relative_sd
 
-#: Draws of the users behind a map of couplings or another device, and where these decide nothing:
-#: 0.95 is known to 0.014 and 0.007 by them.
-_DRAWS = (256, 1024)
 #: Draws that confirm an end: on a line of equal probability no number of draws is ever clear of it.
 _END_DRAWS = 2048
 #: Standard errors between a probability and the decision.
@@ -65,8 +63,9 @@ _LEAST_SPAN = 10.0
 _HALVINGS = 10
 #: Ends that are tried before a search gives up.
 _TRIALS = 5
-#: Frequencies of a map: per decade, and about each resonance, where margins dip.
-_PER_DECADE = 8
+#: Frequencies of a map: per decade, where twice as many change probabilities by a hundredth at most;
+#: and about each resonance, where margins dip, and half as many change them by a tenth.
+_PER_DECADE = 4
 _ABOUT_RESONANCE = 25
 #: Of the draws' ranges of stiffness, those that resonances are looked for in.
 _COMMON = (0.05, 0.95)
@@ -155,7 +154,7 @@ class _Judge:
         self.setup = setup
         self.users = users
         self.scene = scene
-        some = self._some(_DRAWS[0])
+        some = self._some(MAP_DRAWS[0])
         central = scene.verdict.central
         softest, _ = _stiffnesses(setup, name, some, central)
         #: N/m; a softer coupling is too soft under every draw.
@@ -163,7 +162,7 @@ class _Judge:
         omega = _frequencies(setup, name, some, scene)
         display = setup.display(name, coupled=True)
         #: Of the first draws, as many as it is asked for.
-        self.couplings = CouplingJudge(display, self._some(_DRAWS[-1]), omega, central=central)
+        self.couplings = CouplingJudge(display, self._some(MAP_DRAWS[-1]), omega, central=central)
         self._searched = frequencies(setup, name, relative_sd(users), scene)
 
     def _some(self, draws: int) -> Users:
@@ -193,7 +192,7 @@ def _map_of(name: str | None, judges: Sequence[_Judge]) -> EnvironmentCouplings:
     low = np.minimum(softest, limit / _LEAST_SPAN)
     stiffness = np.geomspace(low, limit, _STIFFNESSES).T
     rigid = 2.0 * stable.rigid / stable.loop.period
-    for draws in _DRAWS:
+    for draws in MAP_DRAWS:
         couplings = _Couplings(judges, stable, damping, stiffness, draws)
         ends = {end: couplings.confirmed_end(end) for end in _ENDS}
         outcome: Literal["some", "none", "undecided"] = "undecided"
@@ -342,6 +341,7 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
     device = setup.loop.device
     if not isinstance(device, Device) or not whose.draws:
         return None
+    decision = scene.inference.decision
     devices = [device]
     devices += [dataclasses.replace(device, mass=factor * device.mass) for factor in _FACTORS]
     devices += [dataclasses.replace(device, damping=factor * device.damping) for factor in _FACTORS]
@@ -359,13 +359,16 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
             if not any(rendered):
                 continue
             probabilities = [
-                _probability(display, population, omega, scene) for display, omega in displays
+                rough_probability(
+                    display, population, omega, central=scene.verdict.central, decision=decision
+                )
+                for display, omega in displays
             ]
             verdict = ChangedVerdict(
                 environment=environment,
                 coupled=coupled,
                 probability=tuple(probabilities),
-                outcome=tuple(judge(one, scene.inference.decision) for one in probabilities),
+                outcome=tuple(judge(one, decision) for one in probabilities),
                 rendered=tuple(rendered),
             )
             verdicts.append(verdict)
@@ -375,20 +378,6 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
         coupled=setup.coupling is not None,
         verdicts=tuple(verdicts),
         method=whose.method,
-        draws=min(_DRAWS[0], *(population.size for population in whose.draws.values())),
+        draws=min(MAP_DRAWS[0], *(population.size for population in whose.draws.values())),
     )
 
-
-def _probability(display: Display, users: Users, omega: Array, scene: Scene) -> float:
-    """Return the share of draws under which a display feels real, of more where few decide nothing.
-
-    Few are clear of `decision` and of one minus it by two errors.
-    """
-    decision = scene.inference.decision
-    for draws in _DRAWS:
-        some = users.select(slice(0, draws))
-        probability = rough_probability(display, some, omega, central=scene.verdict.central)
-        from_thresholds = min(abs(probability - decision), abs(probability - (1.0 - decision)))
-        if from_thresholds > _ERRORS * share_error(probability, some.size):
-            break
-    return probability

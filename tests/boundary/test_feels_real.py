@@ -65,6 +65,20 @@ def test_against_a_fine_grid(seed):
     assert mine[inside] == pytest.approx(fine[inside], abs=1e-3)
 
 
+def test_the_least_probable_omega_is_found_between_frequencies():
+    # Nothing of the even grid stands at this narrow resonance.
+    narrow = dataclasses.replace(DISPLAY, loop=Loop(Device(mass=0.5, damping=0.2), 1e-3))
+    even = np.geomspace(0.12, 100.0, 37)
+    users = populations(1.0, 0.05, count=200, spread=1.0)
+    found = feels_real(narrow, users, even, central=LEVEL, decision=DECISION)
+    dense = np.geomspace(25.0, 40.0, 400)
+    held = (search_scores(narrow, users, dense, LEVEL).at_omega <= edge_of(LEVEL)).mean(axis=0)
+    assert found.lowest == pytest.approx(held.min(), abs=0.02)
+    assert found.lowest_omega == pytest.approx(dense[held.argmin()], rel=0.01)
+    on_grid = search_scores(narrow, users, even, LEVEL).at_omega <= edge_of(LEVEL)
+    assert found.lowest < on_grid.mean(axis=0).min() - 0.1
+
+
 def test_users_about_the_wall_feel_it_and_far_ones_do_not():
     near = feels_real(DISPLAY, populations(0.0, 0.2), OMEGA, central=LEVEL, decision=DECISION)
     assert (near.probability, judge(near.probability, DECISION)) == (1.0, "feels real")
