@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from percept.minima import lowest
-from percept.roots import rising_root, root
+from percept.searches import lowest, rising_root, root
 
 
 def test_the_lowest_of_several_dips_is_found_though_another_looks_lower_on_the_grid():

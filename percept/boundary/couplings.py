@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from percept.boundary.feels_real import edge_of
 from percept.boundary.shares import DiscIntegral, Discs, Users, shares_of_cells
 from percept.haptics.perceived import Boxes, Display, DistancePlane, Point, Range, shown_element
 from percept.haptics.records import Coupling
-from percept.roots import rising_root
+from percept.searches import rising_root
 
 __all__ = ["CouplingJudge", "magnitude_ranges"]
 
@@ -154,9 +156,13 @@ def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
     edge = edge_of(level)
     for integral, frequencies in integrals.items():
         cells = np.nonzero(np.broadcast_to(frequencies, middle.shape))
+        scores = functools.partial(_scores, users, plane, least, integral, cells)
         for limit, score in zip(found, (-edge, edge), strict=True):
             start = middle + score / edge_of(of_box) * (logs.high - middle)
-            limit[cells] = _solve(users, plane, least, logs, start, score, integral, cells)
+            ends = Range(logs.low[cells], logs.high[cells])
+            # Where next to no user lies below the low end it is the limit.
+            log_above = _root(scores, score, start[cells], ends)
+            limit[cells] = least[cells[1]] + np.exp(log_above)
     return found
 
 
@@ -173,40 +179,42 @@ def _log_range(boxes: Boxes, plane: DistancePlane, least: Array) -> Range:
     return Range(low, np.log(farthest))
 
 
-def _solve(
+def _scores(
     users: Users,
     plane: DistancePlane,
     least: Array,
-    logs: Range,
-    start: Array,
-    score: float,
     integral: DiscIntegral,
     cells: tuple[Indices, ...],
+    which: Indices,
+    log_above: Array,
 ) -> Array:
-    """Return the abs(Z_h) below which lie as many users as below a normal score, (n,).
+    """Return the normal scores of shares within discs, of some of n cells: draws and frequencies.
 
-    For n cells, each a draw and a frequency. Scores are next to straight over the logarithm of what
-    is above the least: a slope through the last two points finds a limit in three or four steps.
+    A disc reaches as far above the least abs(Z_h) as its logarithm says.
     """
-    draw, column = cells
-    low = logs.low[cells]
-    high = logs.high[cells]
-    last = 0.5 * (low + high)
-    last_off = np.full(draw.shape, -score)
+    draw, column = (index[which] for index in cells)
+    radius = least[column] + np.exp(log_above)
+    shares = shares_of_cells(users.select(draw), plane.select(column), radius, integral)
+    return np.asarray(special.ndtri(np.clip(shares, _LEAST_SHARE, 1.0 - _LEAST_SHARE)))
 
-    def off(which: Indices, log_above: Array) -> tuple[Array, Array]:
-        some = users.select(draw[which])
-        at = column[which]
-        radius = least[at] + np.exp(log_above)
-        shares = shares_of_cells(some, plane.select(at), radius, integral)
-        bounded = np.clip(shares, _LEAST_SHARE, 1.0 - _LEAST_SHARE)
-        value = special.ndtri(bounded) - score
+
+def _root(
+    scores: Callable[[Indices, Array], Array], wanted: float, start: Array, ends: Range
+) -> Array:
+    """Return where each of n scores, zero in the middle and next to straight, is as wanted, (n,).
+
+    The slope through the last two points finds it in three or four steps.
+    """
+    last = 0.5 * (ends.low + ends.high)
+    last_off = np.full(last.shape, -wanted)
+
+    def off(which: Indices, x: Array) -> tuple[Array, Array]:
+        value = scores(which, x) - wanted
         value[np.abs(value) < _SCORE_ACCURACY] = 0.0
         with np.errstate(divide="ignore", invalid="ignore"):
-            slope = (value - last_off[which]) / (log_above - last[which])
-        last[which] = log_above
+            slope = (value - last_off[which]) / (x - last[which])
+        last[which] = x
         last_off[which] = value
         return value, slope
 
-    # Where next to no user lies below the low end it is the limit.
-    return least[column] + np.exp(rising_root(off, start[cells], low, high))
+    return rising_root(off, start, ends.low, ends.high)

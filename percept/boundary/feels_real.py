@@ -204,7 +204,7 @@ def rough_probability(
         if inside.size:
             discs = Discs.of(display, users.select(inside), omega)
             scores = _scores(discs.shares(_MAP_ACCURACY))
-            real += np.count_nonzero(scores.max(axis=1) <= edge)
+            real += int(np.count_nonzero(scores.max(axis=1) <= edge))
             # Further draws are looked at where one of these is worst.
             omega = omega[np.unique(scores.argmax(axis=1))]
         probability = real / stop
@@ -352,8 +352,9 @@ def _typical_peaks(display: Display, users: Users, omega: Array) -> Array:
     typical = users.typical()
     discs = Discs.of(display, typical, omega)
     scores = _scores(discs.shares(_MAP_ACCURACY))
-    peaks = np.nonzero(np.isfinite(_reach(scores, omega[None])))
-    found = _search_peaks(display, typical, omega, peaks, discs.integrals(_MAP_ACCURACY))
+    draw, index = np.nonzero(np.isfinite(_reach(scores, omega[None])))
+    integrals = discs.integrals(_MAP_ACCURACY)
+    found = _search_peaks(display, typical, omega, (draw, index), integrals)
     return found.omega[np.isfinite(found.score)]
 
 

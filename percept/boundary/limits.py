@@ -25,7 +25,7 @@ from percept.boundary.ball import Balls
 from percept.boundary.law import BEYOND, PairLaw
 from percept.errors import RefusalError
 from percept.haptics.loop import Loop
-from percept.roots import root
+from percept.searches import root
 
 __all__ = [
     "Magnitude",

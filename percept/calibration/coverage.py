@@ -6,7 +6,7 @@ import functools
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,9 @@ from percept.calibration.judge import CoveragePlan, Family, Held, Labels, Method
 from percept.checkpoint import Checkpoint, Line
 from percept.errors import RefusalError, UsageError
 from percept.provenance import markdown_table
-from percept.results import Verdict
 from percept.scene import Scene
 from percept.sessions.quantities import is_impedance
-from percept.simulate.model import Design, Hyperparameters, TrueValues, simulate
+from percept.simulate.model import Design, Hyperparameters, TrueValues
 from percept.study import Study
 from percept.study.responses import refuse_no_ratio
 from percept.workers import Mapper, in_process
@@ -60,15 +59,13 @@ def refuse_unfit(study: Study) -> None:
     )
 
 
-def fitted_values(study: Study, rng: np.random.Generator | None = None) -> TrueValues:
-    """Take the posterior means of a study, or one of its draws, as the truth to simulate from.
+def fitted_values(study: Study) -> TrueValues:
+    """Take the posterior means of a study as the truth to simulate from.
 
     Parameters
     ----------
     study : Study
         A study with a Bayesian fit that passed.
-    rng : numpy.random.Generator, optional
-        Chooses the draw; the means without it.
 
     Returns
     -------
@@ -89,11 +86,7 @@ def fitted_values(study: Study, rng: np.random.Generator | None = None) -> TrueV
         )
     model = fit.model
     points = fit.points
-    if rng is None:
-        cells = model.moments(points).mean.mean(axis=0)
-    else:
-        points = points[[rng.integers(len(points))]]
-        cells = model.draw(points, rng)[0][0]
+    cells = model.moments(points).mean.mean(axis=0)
     means = {name: values.mean(axis=0) for name, (_, values) in model.scales(points).items()}
     beta = cells.reshape(len(study.data.parameters), -1).T
     shared: dict[str, Any] = {name: means[name] for name in _HYPER_SCALES if name in means}
@@ -113,74 +106,6 @@ def fitted_values(study: Study, rng: np.random.Generator | None = None) -> TrueV
         # With one trial a cell the scatter between trials is part of what a user's value is.
         sigma_e=means.get("sigma_e", np.zeros_like(beta.T)).T,
     )
-
-
-@dataclass(frozen=True)
-class DecidedShares:
-    """Shares of simulated studies with more subjects that each method decides."""
-
-    studies: int
-    more: int  # Subjects added to the study's own
-    classical: float
-    bayesian: float
-    difference_error: float  # Standard error of `bayesian` less `classical`
-
-
-def decided_shares(
-    study: Study, verdict: Verdict, studies: int, progress: Callable[[int, int], None]
-) -> DecidedShares:
-    """Simulate more subjects of an undecided study, and judge all by both methods.
-
-    Parameters
-    ----------
-    study : Study
-        With a passed Bayesian fit.
-    verdict : Verdict
-        Of the study, with the number of subjects that would decide it.
-    studies : int
-        How many, at least two.
-    progress : callable
-        Told how many studies are finished, and of how many.
-
-    Returns
-    -------
-    DecidedShares
-
-    Raises
-    ------
-    RefusalError
-        There is no such fit or number, or subjects' like cannot be simulated.
-    """
-    if verdict.more is None or verdict.more.subjects is None:
-        raise RefusalError("no number of subjects is known to decide this verdict.")
-    more = verdict.more.subjects
-    decided = np.zeros((studies, 2))
-    for index in range(studies):
-        seed = study.scene.inference.seed
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-        for found in _with_more(study, more, rng).verdict_rows:
-            if (found.environment, found.coupled) != (verdict.environment, verdict.coupled):
-                continue
-            for column, evidence in enumerate((found.classical, found.bayesian)):
-                is_decided = evidence is not None and evidence.outcome != "too little data"
-                decided[index, column] = is_decided
-        progress(index + 1, studies)
-    shares = decided.mean(axis=0)
-    error = standard_error(decided[:, 1] - decided[:, 0])
-    return DecidedShares(studies, more, float(shares[0]), float(shares[1]), error)
-
-
-def _with_more(study: Study, more: int, rng: np.random.Generator) -> Study:
-    """Add subjects of a posterior draw to a study."""
-    values = fitted_values(study, rng)
-    own = _design_of(study)
-    trials = max(1, int(np.median(own.trials)))
-    design = replace(own, trials=np.full((more, len(own.references)), trials))
-    new = simulate(values, design, rng, family=study.scene.inference.family)
-    new["subject"] = "simulated " + new["subject"].astype(str)
-    table = study.sessions.table
-    joined = pd.concat([table, new.reindex(columns=table.columns)], ignore_index=True)
-    return Study(replace(study.sessions, table=joined), study.scene)
 
 
 def plan_like(
@@ -352,14 +277,14 @@ def averaged(plan: CoveragePlan, judged: Sequence[Held]) -> pd.DataFrame:
                 "truth": plan.users_family,
                 "stated": stated,
                 "held": held.mean(),
-                "error": standard_error(held),
+                "error": _standard_error(held),
                 "studies": held.size,
             }
         )
     return pd.DataFrame(rows)
 
 
-def standard_error(held: NDArray[np.float64]) -> float:
+def _standard_error(held: NDArray[np.float64]) -> float:
     """Return the standard error of a mean.
 
     Six studies of six that hold do not make a coverage certain: studies that all agree count as

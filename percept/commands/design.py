@@ -23,11 +23,9 @@ from percept.commands.analysis import (
 from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
-    from percept.calibration.coverage import DecidedShares
     from percept.calibration.judge import CoveragePlan, Method
     from percept.planning import ContrastPlan, EquivalencePlan, Plan
     from percept.results import Verdict
-    from percept.study import Study
 
 
 _KINDS = ("mean", "user", "share", "contrast", "equivalent", "verdicts")
@@ -166,45 +164,18 @@ def _decide(arguments: argparse.Namespace) -> None:
     with Working("judging", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         verdicts = study.verdict_rows
-        checked = _checked(study, arguments.studies, progress)
         progress.stop()
     if not verdicts:
         raise RefusalError(
             "there is no verdict to decide.", hint="A scene with a device lets percept judge."
         )
     if arguments.json:
-        print_json({"verdicts": verdicts, "checked": checked})
+        print_json({"verdicts": verdicts})
         return
     subjects = study.scene.study.subject[1]
     for verdict in verdicts:
         rendered = "through the coupling" if verdict.coupled else "directly"
         show(f"{verdict.environment}, {rendered}: {_needed(verdict, subjects)}")
-    if checked is not None:
-        difference = checked.bayesian - checked.classical
-        show(
-            f"The first of these in {checked.studies} simulated studies with {checked.more} more"
-            f" {subjects}: the classical method decides {checked.classical:.2f} of them, the"
-            f" Bayesian one {checked.bayesian:.2f}, a difference of {difference:+.2f} ±"
-            f" {checked.difference_error:.2f}."
-        )
-
-
-def _checked(study: Study, studies: int | None, progress: Working) -> DecidedShares | None:
-    """Judge the first undecided verdict with more subjects by Bayesian verdicts too, if asked."""
-    from percept.calibration.coverage import decided_shares
-
-    if studies is None:
-        return None
-    if studies < 2:
-        raise UsageError("a standard error needs at least two studies.", key="--studies")
-    for verdict in study.verdict_rows:
-        if verdict.more is not None and verdict.more.subjects is not None:
-
-            def told(done: int, total: int) -> None:
-                progress.show(f"{done} of {total} studies", done, total)
-
-            return decided_shares(study, verdict, studies, told)
-    return None
 
 
 def _needed(verdict: Verdict, subjects: str) -> str:
@@ -354,7 +325,6 @@ PLAN = Command(
         number("--jnd", "X", "kind equivalent: one JND, in the unit of --sd, or as a fraction"),
         number("--bias", "X", "kind equivalent: the true bias, in the terms of --jnd (0)"),
         number("--decision", "X", "kind equivalent: confidence that decides (0.95)"),
-        number("--studies", "N", "kind verdicts: check one number by so many Bayesian fits"),
         argument("--by", "COLUMN", "kind contrast: take the SDs from sessions of a pilot study"),
         argument("sessions", "PATH", "kind verdicts, and --by: session files", nargs="*"),
         *(option for option in STUDY if option.name not in _OF_PLANS),

@@ -23,17 +23,15 @@ from percept.haptics.arrays import (
     real_array,
     times,
 )
-from percept.haptics.loop import Loop, omega_of_rate
+from percept.haptics.loop import Loop
 from percept.haptics.perceived import DistancePlane, Point, perceived_magnitude
-from percept.haptics.records import Device
-from percept.roots import rising_root
+from percept.searches import rising_root
 
 __all__ = [
     "CornerCurves",
     "Ellipse",
     "Envelope",
     "Limits",
-    "corner_crossings",
     "corner_curves",
     "magnitude_envelope",
     "magnitude_envelope_ellipse",
@@ -146,44 +144,6 @@ def magnitude_envelope(
 def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
     """Return the distance of an interval from zero."""
     return np.maximum(0.0, np.maximum(low, -high))
-
-
-def corner_crossings(
-    loop: Loop, stiffness: tuple[float, float], damping: tuple[float, float]
-) -> FloatArray:
-    """Return the ω at which the two corner curves of a rigid device cross: the band is empty.
-
-    The squares of both curves differ by a quadratic in Ω².
-
-    Parameters
-    ----------
-    loop : Loop
-        The modes of its device are not looked at.
-    stiffness, damping : pair of float
-        (low, high) of k, N/m, and b, N·s/m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        rad/s, increasing; n from 0 to 2.
-    """
-    device = loop.device
-    period = loop.period
-    assert isinstance(device, Device)
-    k_low, k_high = stiffness
-    b_low, b_high = damping
-    k_width = k_high - k_low
-    b_width = b_high - b_low
-    mass_like = device.mass + device.damping * period / 2
-    square = -device.mass * period * b_width
-    # Turned by the hold, the device's spring joins its damping with k·T/2.
-    damping_like = device.damping + device.stiffness * period / 2
-    linear = b_width * (b_low + b_high + 2 * damping_like) - 2 * k_width * mass_like
-    constant = k_width * (k_low + k_high + 2 * device.stiffness)
-    roots = np.roots(np.array([square, linear, constant]))
-    crosses = (roots.imag == 0) & (roots.real > 0)
-    rates = np.sqrt(np.sort(roots.real[crosses]))
-    return omega_of_rate(rates, period)
 
 
 class Ellipse(NamedTuple):

@@ -38,7 +38,7 @@ from percept.haptics.records import (
     refuse_arrays,
 )
 from percept.html import NotebookRecord
-from percept.minima import lowest
+from percept.searches import lowest
 
 __all__ = [
     "Force",

@@ -24,7 +24,7 @@ from percept.haptics.arrays import FloatArray, IntArray, Scalars
 from percept.haptics.loop import VelocityFilter, omega_of_rate, search_grid
 from percept.haptics.perceived import Boxes, Display, displayed, shown_element
 from percept.haptics.records import Coupling, Environment, Mode
-from percept.minima import lowest
+from percept.searches import lowest
 
 __all__ = [
     "ON_LIMIT",

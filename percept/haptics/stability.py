@@ -35,8 +35,7 @@ from percept.haptics.impedance import (
 from percept.haptics.loop import Loop, Warp, covers_range, search_grid
 from percept.haptics.records import Coupling, Device, TabulatedDevice, refuse_arrays
 from percept.html import NotebookRecord
-from percept.minima import lowest
-from percept.roots import rising_root
+from percept.searches import lowest, rising_root
 
 __all__ = [
     "AbsoluteStability",

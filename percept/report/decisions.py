@@ -176,6 +176,24 @@ def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
     return sentences
 
 
+def doubtful_rendering(results: Results) -> list[str]:
+    """Say what the device renders at its point, and not surely over its posterior."""
+    decisions = {verdict.environment: verdict.decision for verdict in judged_verdicts(results)}
+    open_cases = []
+    for row in _rendering(results):
+        decision = decisions.get(row.environment or "", 0.0)
+        if row.by_device is not None and row.by_device.probability < decision:
+            probability = _probability_said(row.by_device.probability, decision)
+            open_cases.append(f"{row.environment} ({probability})")
+    if not open_cases:
+        return []
+    way = RENDERED[_is_coupled(results)]
+    return [
+        f"What is known of the device leaves open whether it renders {listed(open_cases)} {way}: in"
+        " brackets is how probably it does. Above, the device is as the scene states it."
+    ]
+
+
 def doubtful_verdicts(results: Results) -> list[str]:
     """Say which verdicts rest on few subjects, on the sampler's luck or on rows that look wrong."""
     words = results.data.words

@@ -27,7 +27,6 @@ from percept.boundary.feels_real import (
 from percept.boundary.shares import Users
 from percept.haptics import Coupling, Device, Environment, TabulatedDevice, can_render
 from percept.haptics.loop import log_grid
-from percept.haptics.perceived import Display
 from percept.results import (
     AdmissibleCouplings,
     ChangedVerdict,
@@ -63,9 +62,9 @@ _LEAST_SPAN = 10.0
 _HALVINGS = 10
 #: Ends that are tried before a search gives up.
 _TRIALS = 5
-#: Frequencies of a map: per decade, where twice as many change probabilities by a hundredth at most;
-#: and about each resonance, where margins dip, and half as many change them by a tenth.
+#: Frequencies of a map, per decade: twice as many change probabilities by a hundredth at most.
 _PER_DECADE = 4
+#: About each resonance, where margins dip: half as many change probabilities by a tenth.
 _ABOUT_RESONANCE = 25
 #: Of the draws' ranges of stiffness, those that resonances are looked for in.
 _COMMON = (0.05, 0.95)
@@ -380,4 +379,3 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
         method=whose.method,
         draws=min(MAP_DRAWS[0], *(population.size for population in whose.draws.values())),
     )
-

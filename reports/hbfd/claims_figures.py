@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -18,7 +19,6 @@ from percept.haptics import (
     magnitude_envelope,
     required_damping_at,
 )
-from percept.haptics.envelope import corner_crossings
 from reports.hbfd.devices import (
     DAMPINGS,
     MASSES,
@@ -142,7 +142,7 @@ def upper_above(published: Published) -> Evidence:
     cases = []
     first = {}
     for wall in published.walls:
-        crossings = corner_crossings(published.loop, wall.stiffness, wall.damping)
+        crossings = _crossings(published, wall)
         at_low, at_high = corner_curves(published.loop, bottom, wall.stiffness, wall.damping)
         inside = (crossings > bottom) & (crossings < top)
         cases.append(bool(at_high >= at_low) and not inside.any())
@@ -150,6 +150,18 @@ def upper_above(published: Published) -> Evidence:
             first[wall.name] = float(crossings[0])
     crossing = [name for name, omega in first.items() if omega <= top]
     return evidence(cases, crossing=crossing, first=first, apart=sum(cases))
+
+
+def _crossings(published: Published, wall: Wall) -> Array:
+    """Return where both curves of corners cross, rad/s, from the lowest frequency to Nyquist."""
+
+    def gap(omega: Any) -> Any:
+        curves = corner_curves(published.loop, omega, wall.stiffness, wall.damping)
+        return curves.at_high - curves.at_low
+
+    omega = np.geomspace(published.span[0], published.loop.nyquist, 4001)[:-1]
+    (before,) = np.nonzero(np.diff(np.sign(gap(omega))))
+    return np.array([brentq(gap, omega[i], omega[i + 1]) for i in before])
 
 
 def arbitrary_model(published: Published) -> Evidence:

@@ -131,20 +131,6 @@ def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, ca
     assert "there is no verdict to decide" in capsys.readouterr().err
 
 
-@pytest.mark.evidence
-def test_the_subjects_that_decide_are_checked_by_studies(tmp_path, capsys):
-    words = undecided(tmp_path, "both")
-    checked = [*words, "--quiet", "--tolerance", "0.2", "--no-cache", "--studies"]
-    assert main([*checked, "2", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    numbers = [row["more"]["subjects"] for row in found["verdicts"] if row["more"]]
-    assert found["checked"]["more"] == numbers[0]
-    assert found["checked"]["studies"] == 2
-    assert found["checked"]["bayesian"] in (0.0, 0.5, 1.0)
-    assert main([*checked, "1"]) == 2
-    assert "a standard error needs at least two studies" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -1,10 +1,9 @@
-"""Exact range of abs(Z_h) over a box: brute force, corners, crossings."""
+"""Exact range of abs(Z_h) over a box: brute force."""
 
 import numpy as np
 import pytest
 
 from percept.haptics import Device, Loop, magnitude_envelope
-from percept.haptics.envelope import corner_crossings
 
 T = 1e-3
 TABLE_1 = [
@@ -34,9 +33,3 @@ def test_against_a_million_points_of_the_box(limits, mass, plain_impedance):
         cell = np.hypot((k_high - k_low) / 999 / omega, (b_high - b_low) / 999)
         assert upper == pytest.approx(seen.max(), rel=1e-12)
         assert seen.min() - lower <= cell + 1e-12 * seen.min()
-
-
-def test_no_crossing_without_mass_or_width():
-    assert corner_crossings(Loop(Device(0.0, 5.0), T), *TABLE_1[0]).size == 0
-    assert corner_crossings(Loop(Device(1.0, 5.0), T), (5.0, 5.0), (1.0, 1.0)).size == 0
-    assert corner_crossings(Loop(Device(0.0, 0.0), T), (1.0, 1.0), (1.0, 2.0)).size == 0

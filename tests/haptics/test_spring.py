@@ -10,9 +10,7 @@ from percept.haptics import (
     Device,
     Loop,
     absolute_stability,
-    corner_curves,
 )
-from percept.haptics.envelope import corner_crossings
 from percept.haptics.perceived import DistancePlane
 
 T = 1e-3
@@ -44,23 +42,6 @@ def test_a_spring_is_no_matter_of_stability():
     for hold, delay in (("average", 0.0), ("true", 0.7)):
         without = absolute_stability(Loop(Device(1.0, 5.0), T, hold, delay=delay), coupling)
         assert absolute_stability(Loop(DEVICE, T, hold, delay=delay), coupling) == without
-
-
-def test_crossings_are_all_there_are_with_a_spring():
-    rng = np.random.default_rng(8)
-    omega = np.linspace(1e-2, np.pi / T * 0.999, 40_001)
-    crossed = 0
-    for _ in range(20):
-        device = Device(*10 ** rng.uniform(-2, 1, 2), stiffness=10 ** rng.uniform(1, 4))
-        k = 1e3, 1e3 + 10 ** rng.uniform(0, 4)
-        b = 3.0, 3.0 + 10 ** rng.uniform(-1, 1)
-        found = corner_crossings(Loop(device, T), k, b)
-        low, high = corner_curves(Loop(device, T), omega, k, b)
-        seen = omega[:-1][np.diff(np.sign(high - low)) != 0]
-        expected = found[(found > omega[0]) & (found < omega[-1])]
-        np.testing.assert_allclose(seen, expected, atol=2 * (omega[1] - omega[0]))
-        crossed += seen.size
-    assert crossed >= 10
 
 
 def test_a_measured_response_has_its_spring():

@@ -14,6 +14,7 @@ from percept.report.overview import cautions, decide, findings, misfits, setting
 from percept.results import (
     Checks,
     Confidences,
+    DeviceStability,
     IntervalRow,
     Ladder,
     LadderEffect,
@@ -183,6 +184,20 @@ def test_what_feels_real_is_said_through_the_coupling_with_probability():
 def test_rounding_puts_no_probability_on_the_other_side_of_the_decision():
     assert "or A the data do not decide (94.9 %)" in feeling(felt("A", 0.949))
     assert "the data do not decide (99 %)" in feeling(felt("A", 0.99, decision=0.999))
+
+
+def test_a_device_that_may_not_render_is_told_first():
+    over_devices = DeviceStability(
+        probability=0.71, error=0.01, draws=4096, level=0.95, margin_lower=0.5, margin_upper=2.0
+    )
+    row = dataclasses.replace(rendered("A", "can", coupled=True), by_device=over_devices)
+    surely = dataclasses.replace(over_devices, probability=0.99)
+    other = dataclasses.replace(rendered("B", "can", coupled=True), by_device=surely)
+    found = judged([felt("A", 0.99), felt("B", 0.99)])
+    assert cautions(dataclasses.replace(found, rendering=(row, other))) == [
+        "What is known of the device leaves open whether it renders A (71 %) through the coupling:"
+        " in brackets is how probably it does. Above, the device is as the scene states it."
+    ]
 
 
 def test_an_error_that_reaches_over_a_threshold_is_said():

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.interpolate import CubicHermiteSpline
 
-from percept.roots import root
+from percept.searches import root
 
 __all__ = ["mixture_limits", "mixture_quantile", "share_content", "share_half_width"]
 

@@ -1,0 +1,243 @@
+"""What to know before relying on the numbers: cautions of the first screen, from the results."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from scipy import special
+
+from percept.errors import capitalised, counted
+from percept.report.decisions import doubtful_rendering, doubtful_verdicts
+from percept.report.numbers import apart, listed, short
+from percept.report.select import MOST_SHOWN, distinct, family_of, matching
+from percept.results import IntervalRow, Results
+
+_FEW = 5  # fewer subjects than this are called few
+#: Shift, in half-widths of the classical interval, from which on pooling is told: at 95 % it takes
+#: an interval of that width to a coverage of 92 %.
+_PULLED = 0.25
+#: Classical standard errors between the model's mean and the data's from which one is told first.
+_OVERRULED = 2.0
+#: Width over that of the classical interval, from which on the prior of the spread is told.
+_WIDENED = 1.5
+#: What a statistic of a cell says of the data where it is too high or too low for the model.
+_UNEXPECTED = {
+    ("mean", "high"): "the mean of {quantity} is higher",
+    ("mean", "low"): "the mean of {quantity} is lower",
+    ("sd", "high"): "{subjects} differ more in {quantity}",
+    ("sd", "low"): "{subjects} differ less in {quantity}",
+    ("farthest", "high"): "one {subject} lies farther from the others in {quantity}",
+    ("farthest", "low"): "the {subjects} lie closer together in {quantity}",
+}
+_REJECTED = 0.05  # p of all tests of normality together
+_WARNINGS = 3  # the summary repeats the reader's first warnings
+
+
+def cautions(results: Results) -> list[str]:
+    """Return the cautions of results, those that change their meaning first."""
+    gate = results.diagnostics.gate if results.diagnostics else None
+    said = list(_left_out_of_the_model(results))
+    said += _other_family(results)
+    if gate and gate.passed and not gate.tolerance_met:
+        said.append(gate.error_reached)
+    said += doubtful_rendering(results)
+    said += doubtful_verdicts(results)
+    said += _pooled(results)
+    said += _widened(results)
+    said += _at_limits(results)
+    said += _few(results)
+    said += _growing(results)
+    said += misfits(results)
+    said += _warnings(results)
+    return said
+
+
+def _left_out_of_the_model(results: Results) -> Iterator[str]:
+    """Say what the hierarchical model is missing, or that there is none."""
+    for row in results.skipped:
+        if row.what.endswith(", in the hierarchical model"):
+            yield f"The hierarchical model leaves out {row.what.partition(',')[0]}: {row.why}."
+        elif row.what == "Bayesian intervals":
+            yield f"There are no Bayesian intervals: {row.why}"
+
+
+def _other_family(results: Results) -> Iterator[str]:
+    """Say which environments have intervals of the normal family alone."""
+    family = family_of(results)
+    for parameter, quantity in results.data.quantities.items():
+        rows = matching(results.intervals, parameter=parameter, kind="mean", joint="marginal")
+        own = distinct(matching(rows, family=family), "environment")
+        others = [name for name in distinct(rows, "environment") if name not in own]
+        if own and others:
+            yield (
+                f"Intervals of {quantity.label} are of the normal family in {listed(others)}, where"
+                f" values of zero or below have no logarithm, and of the {family} family in"
+                f" {listed(own)}."
+            )
+
+
+def _means(results: Results, parameter: str) -> list[tuple[IntervalRow, IntervalRow]]:
+    """Pair the model's means of a quantity with those of the data, the classical estimates."""
+    rows = matching(results.intervals, parameter=parameter, kind="mean", joint="marginal")
+    rows = matching(rows, family=family_of(results))
+    classical = {row.environment: row for row in matching(rows, method="classical")}
+    return [
+        (row, classical[row.environment])
+        for row in matching(rows, method="bayesian")
+        if row.environment in classical
+    ]
+
+
+def _on_scale(row: IntervalRow) -> list[float]:
+    """Return estimate and limits on the family's scale."""
+    numbers = [row.estimate, row.lower, row.upper]
+    return [math.log(one) for one in numbers] if row.family == "lognormal" else numbers
+
+
+def _shift(row: IntervalRow, classical: IntervalRow) -> float:
+    """Distance of two estimates in half-widths of the classical interval."""
+    estimate, lower, upper = _on_scale(classical)
+    return 2.0 * abs(_on_scale(row)[0] - estimate) / (upper - lower) if upper > lower else 0.0
+
+
+def _pooled(results: Results) -> Iterator[str]:
+    """Say where the hierarchical model draws a mean far towards the others."""
+    if overruled(results):
+        return  # Said first
+    for parameter, quantity in results.data.quantities.items():
+        pairs = _means(results, parameter)
+        if len(pairs) < 2:
+            continue
+        row, plain = max(pairs, key=lambda pair: _shift(*pair))
+        if _shift(row, plain) < _PULLED:
+            continue
+        of_model, of_data = apart(row.estimate, plain.estimate)
+        yield (
+            f"The hierarchical model draws {results.data.words.environments} towards each other."
+            f" Its mean {quantity.label} of {row.environment} is"
+            f" {f'{of_model} {plain.unit}'.rstrip()}; that of the data is"
+            f" {f'{of_data} {plain.unit}'.rstrip()}, as in the classical interval."
+        )
+
+
+def _widened(results: Results) -> Iterator[str]:
+    """Say where the prior of the spread makes an interval far wider than the data do."""
+    for parameter, quantity in results.data.quantities.items():
+        pairs = _means(results, parameter)
+        # Of several environments each says what the spread of the others may be.
+        for row, classical in pairs if len(pairs) == 1 else ():
+            _, lower, upper = _on_scale(row)
+            of_model = upper - lower
+            _, lower, upper = _on_scale(classical)
+            of_data = upper - lower
+            if of_model > _WIDENED * of_data > 0.0:
+                yield (
+                    f"The Bayesian interval of {quantity.label} in {row.environment} is"
+                    f" {short(of_model / of_data, 2)} times as wide as the classical one:"
+                    f" {results.data.words.subjects} lie closer together than the prior expects."
+                    " Use the classical interval, or lower log_s_mean in [model.priors]."
+                )
+
+
+def overruled(results: Results) -> list[str]:
+    """Say where the model's mean lies far from that of the data, by its own standard error."""
+    named = []
+    for parameter, quantity in results.data.quantities.items():
+        for row, of_data in _means(results, parameter):
+            half_width = -special.stdtrit(of_data.n - 1.0, 0.5 * (1.0 - of_data.level))
+            if half_width * _shift(row, of_data) > _OVERRULED:
+                instead = " instead of ".join(apart(row.estimate, of_data.estimate))
+                where = f"{quantity.label} of {row.environment}"
+                named.append(f"{where} ({f'{instead} {row.unit}'.rstrip()})")
+    if not named:
+        return []
+    return [
+        "The Bayesian mean lies more than two standard errors from the"
+        f" {results.data.words.subjects}’ mean in {listed(named, MOST_SHOWN)}. Use the classical"
+        " interval, or wider [model.priors]."
+    ]
+
+
+def _at_limits(results: Results) -> Iterator[str]:
+    """Say what intervals leave out at the limits of a control."""
+    for name, quantity in results.data.quantities.items():
+        rows = matching(results.intervals, parameter=name)
+        counts = {row.environment: row.left_out for row in rows if row.left_out}
+        if counts:
+            where = ", ".join(f"{count} in {place}" for place, count in counts.items())
+            yield (
+                f"Intervals of {quantity.label} leave out adjustments at the limits of the"
+                f" control: {where}."
+            )
+
+
+def _few(results: Results) -> Iterator[str]:
+    """Say what limits rest on where subjects are few."""
+    subjects = max((row.n for row in results.intervals), default=_FEW)
+    if subjects >= _FEW:
+        return
+    rests_on = []
+    if matching(results.intervals, method="classical"):
+        freedom = counted(subjects - 1, "degree")
+        rests_on.append(f"classical limits rest on {freedom} of freedom")
+    if matching(results.intervals, method="bayesian"):
+        rests_on.append("Bayesian limits rest largely on the priors")
+    yield f"{subjects} {results.data.words.subjects} are few: {', '.join(rests_on)}."
+
+
+def _growing(results: Results) -> Iterator[str]:
+    """Say what may chatter as it is rendered."""
+    rows = matching(results.rendering or (), coupled=False, verdict="cannot")
+    if rows:
+        names = listed([str(row.environment) for row in rows], MOST_SHOWN)
+        yield (
+            f"Rendered directly, {names} may chatter with some hands, and"
+            f" {results.data.words.users} may then set them wrongly."
+        )
+
+
+def misfits(results: Results) -> Iterator[str]:
+    """Say what the checks of the model found, in the family of the study."""
+    checks = results.checks
+    if checks is None:
+        return
+    family = family_of(results)
+    rows = matching(checks.normality, family=family)
+    # Bonferroni over the cells tested: a study of many cells is not alarmed by chance.
+    rejected = [row for row in rows if row.p_value * len(rows) < _REJECTED]
+    cells = [f"{row.parameter} in {row.environment}" for row in rejected]
+    if cells:
+        yield (
+            f"Shapiro–Wilk tests reject the {family} family, which classical intervals"
+            f" assume, for {listed(cells, MOST_SHOWN)}."
+        )
+    if checks.loo is None:
+        return
+    yield from checks.loo.messages
+    words = results.data.words
+    found = []
+    for check in matching(checks.statistics, unusual=True):
+        # Where the data have too little of it, most new studies have more.
+        side = "low" if check.above > 0.5 else "high"
+        what = _UNEXPECTED[check.statistic, side].format(
+            subject=words.subject, subjects=words.subjects, quantity=check.parameter
+        )
+        found.append(f"in {check.environment} {what}")
+    if found:
+        of_all = f"{len(found)} of {counted(len(checks.statistics), 'check')}"
+        yield f"{capitalised('; '.join(found))} than the model expects ({of_all})."
+
+
+def _warnings(results: Results) -> Iterator[str]:
+    """Repeat the reader's first warnings."""
+    # What a verdict leans on is said with the verdict.
+    leaning = [row for one in results.verdicts if one.leaning for row in one.leaning.rows]
+    places = [(row.file, row.row) for row in leaning]
+    warnings = [note for note in results.data.doubts if (note.file, note.row) not in places]
+    for warning in warnings[:_WARNINGS]:
+        where = f"{warning.file}:{warning.row}: " if warning.file else ""
+        stop = "" if warning.text.endswith(("?", ".")) else "."
+        yield f"{where}{warning.text}{stop}"
+    if len(warnings) > _WARNINGS:
+        yield f"Data lists {len(warnings) - _WARNINGS} more to look at."
