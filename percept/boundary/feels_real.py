@@ -205,8 +205,9 @@ def rough_probability(
             discs = Discs.of(display, users.select(inside), omega)
             scores = _scores(discs.shares(_MAP_ACCURACY))
             real += int(np.count_nonzero(scores.max(axis=1) <= edge))
-            # Further draws are looked at where one of these is worst.
-            omega = omega[np.unique(scores.argmax(axis=1))]
+            # Further draws are looked at where one of these is worst, or outside.
+            outside = np.flatnonzero((scores > edge).any(axis=0))
+            omega = omega[np.union1d(scores.argmax(axis=1), outside)]
         probability = real / stop
         if _is_clear(probability, share_error(probability, stop), decision):
             break

@@ -136,12 +136,6 @@ class Range(NamedTuple):
         above_middle = np.multiply(2, value) > self.low + self.high
         return np.where(above_middle, self.low, self.high)
 
-    def widths_off(self, value: Scalars) -> FloatArray:
-        """Return how far a value lies beyond the nearer limit, in widths (in units if zero)."""
-        width = self.high - self.low
-        width = np.where(width > 0, width, 1.0)
-        return np.maximum(self.low - value, value - self.high) / width
-
 
 @dataclass(frozen=True)
 class Boxes:

@@ -31,9 +31,7 @@ __all__ = [
     "Departure",
     "ShownLimits",
     "departure",
-    "plane_departure",
     "shown_limits",
-    "turning_points",
 ]
 
 #: Nearer to a limit than this, as a logarithm, a display lies on it: rounding could decide. A
@@ -70,7 +68,7 @@ def shown_limits(display: Display, lower: float, upper: float) -> ShownLimits:
     UsageError
         The range passes Nyquist.
     """
-    omega = turning_points(display, lower, upper)
+    omega = _turning_points(display, lower, upper)
     shown = shown_element(display.loop.at(omega), display)
     return ShownLimits(_ends(shown.stiffness), _ends(shown.damping))
 
@@ -79,7 +77,7 @@ def _ends(values: Scalars) -> FloatArray:
     return np.array([np.min(values), np.max(values)])
 
 
-def turning_points(display: Display, lower: float, upper: float) -> FloatArray:
+def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
     """Return both ends of a range of ω, rad/s, and where stiffness or damping turns between.
 
     Without a filter, and without a mass behind a coupling, both are monotone in Ω².
@@ -173,14 +171,14 @@ def _behind(joined: _Shown, environment: Environment, square: Polynomial) -> _Sh
 
 
 class Departure(NamedTuple):
-    """How far a display leaves its limits at most; negative inside."""
+    """How far abs(Z_h) leaves its limits at most; negative inside."""
 
-    largest: float  # A log ratio of abs(Z_h), or widths of the limits of k and b
+    largest: float  # A log ratio
     omega: float  # Where, rad/s
 
     @property
     def verdict(self) -> Literal["inside", "marginal", "outside"]:
-        """Judge a log ratio; within rounding it is marginal."""
+        """Judge; within rounding it is marginal."""
         if self.largest > ON_LIMIT:
             return "outside"
         return "inside" if self.largest < -ON_LIMIT else "marginal"
@@ -201,7 +199,6 @@ def departure(display: Display, box: Boxes, lower: float, upper: float) -> Depar
     Returns
     -------
     Departure
-        A log ratio.
 
     Raises
     ------
@@ -238,27 +235,3 @@ def _resonances(display: Display, box: Boxes) -> tuple[Mode, ...]:
         behind = float(environment.stiffness + display.coupling.stiffness)
         modes.append(Mode(environment.mass, behind, environment.damping))
     return tuple(modes)
-
-
-def plane_departure(display: Display, box: Boxes, lower: float, upper: float) -> Departure:
-    """Return how far the stiffness and damping shown leave a box at most over a range of ω.
-
-    Parameters as in `departure`. A box without width counts as one unit wide.
-
-    Returns
-    -------
-    Departure
-        In widths of the limits.
-
-    Raises
-    ------
-    UsageError
-        The range passes Nyquist.
-    """
-    omega = turning_points(display, lower, upper)
-    shown = shown_element(display.loop.at(omega), display)
-    by_stiffness = box.stiffness.widths_off(shown.stiffness)
-    by_damping = box.damping.widths_off(shown.damping)
-    off, omega = np.broadcast_arrays(np.maximum(by_stiffness, by_damping), omega)
-    top = int(off.argmax())
-    return Departure(float(off[top]), float(omega[top]))

@@ -293,8 +293,8 @@ class ZWidth(NotebookRecord):
 class Membership:
     """The paper's rule: whether a reference stays inside a boundary, directly and coupled.
 
-    A departure is the largest over the range, negative inside: of abs(Z_h) as a fraction of the
-    exact envelope, of effective (k, b) in widths of their limits.
+    A departure is the largest of abs(Z_h) over the range, as a fraction of the exact envelope;
+    negative inside.
     """
 
     environment: str
@@ -304,11 +304,9 @@ class Membership:
     verdict_uncoupled: Inside
     departure_uncoupled: float
     departure_omega_uncoupled: float  # rad/s
-    plane_departure_uncoupled: float
     verdict_coupled: Inside
     departure_coupled: float
     departure_omega_coupled: float  # rad/s
-    plane_departure_coupled: float
     effective_stiffness: float  # Through the coupling at `Coupling.read_at`, N/m
     effective_damping: float  # N·s/m
 

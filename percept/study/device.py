@@ -27,7 +27,7 @@ from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.perceived import Boxes, Display
 from percept.haptics.records import AnyDevice
-from percept.haptics.shown import departure, plane_departure
+from percept.haptics.shown import departure
 from percept.haptics.stability import coupling_bound
 from percept.inference.record import Family
 from percept.results import Coupling as JudgedCoupling
@@ -350,11 +350,9 @@ def _membership(
         verdict_uncoupled=of_direct.verdict,
         departure_uncoupled=float(np.expm1(of_direct.largest)),
         departure_omega_uncoupled=of_direct.omega,
-        plane_departure_uncoupled=plane_departure(direct, box, *within).largest,
         verdict_coupled=of_coupled.verdict,
         departure_coupled=float(np.expm1(of_coupled.largest)),
         departure_omega_coupled=of_coupled.omega,
-        plane_departure_coupled=plane_departure(coupled, box, *within).largest,
         effective_stiffness=float(shown.stiffness),
         effective_damping=float(shown.damping),
     )

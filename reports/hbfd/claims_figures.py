@@ -156,12 +156,12 @@ def _crossings(published: Published, wall: Wall) -> Array:
     """Return where both curves of corners cross, rad/s, from the lowest frequency to Nyquist."""
 
     def gap(omega: Any) -> Any:
-        curves = corner_curves(published.loop, omega, wall.stiffness, wall.damping)
-        return curves.at_high - curves.at_low
+        at_low, at_high = corner_curves(published.loop, omega, wall.stiffness, wall.damping)
+        return at_high - at_low
 
     omega = np.geomspace(published.span[0], published.loop.nyquist, 4001)[:-1]
     (before,) = np.nonzero(np.diff(np.sign(gap(omega))))
-    return np.array([brentq(gap, omega[i], omega[i + 1]) for i in before])
+    return np.array([brentq(gap, *omega[i : i + 2], xtol=1e-12) for i in before])
 
 
 def arbitrary_model(published: Published) -> Evidence:

@@ -9,7 +9,7 @@ import numpy as np
 
 from percept import Study, haptics
 from percept.haptics.perceived import Boxes
-from percept.haptics.shown import ON_LIMIT, departure, plane_departure
+from percept.haptics.shown import ON_LIMIT, departure
 from percept.study.device import Setup
 
 __all__ = ["by_the_paper_s_rule"]
@@ -43,15 +43,12 @@ def _memberships(study: Study, setup: Setup) -> dict[str, Any]:
         reference = setup.references[region.environment]
         shown = haptics.effective_impedance(setup.loop, read_at, reference, setup.coupling)
         box = Boxes.of(*region.limits)
-        verdicts, planes = [], []
+        verdicts = []
         for coupled in (False, True):
             display = setup.display(region.environment, coupled=coupled)
             verdicts.append(departure(display, box, *study.data.within).verdict)
-            planes.append(plane_departure(display, box, *study.data.within).largest)
         name = " ".join(("realism", *labels, "envelope"))
         found[f"{name} verdict"] = verdicts
-        # Held to 1: a departure near zero keeps its absolute digits only.
-        found[f"{name} plane_departure"] = [*planes, 1.0]
         found[f"{name} effective"] = [[float(shown.stiffness)], [float(shown.damping)]]
     return found
 
