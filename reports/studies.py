@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,8 @@ from percept.inference.model.priors import Priors
 from percept.inference.model.statistics import from_trials
 from percept.inference.model.trials import by_subject
 
-Array: TypeAlias = NDArray[np.float64]
-Indices: TypeAlias = NDArray[np.intp]
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 #: Name of the covariate.
 COVARIATE = "order"

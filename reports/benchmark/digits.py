@@ -18,7 +18,7 @@ from reports.benchmark.twins import Levels, Number
 from reports.page import Page
 from reports.studies import Observed, model_of
 
-Array: TypeAlias = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 _INTRODUCTION = """\
 The worst case of one quantity at one point, against exact arithmetic or 120 digits. What varies

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+Array = NDArray[np.float64]
 # mpmath numbers and matrices have no types.
 Number: TypeAlias = Any
 #: The inputs of a formula by name, with z, s, θ and the mpmath context `mp`.

@@ -12,7 +12,6 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ from percept.sessions import ReadOptions
 from percept.simulate.model import Design, draw_environments, draw_hyperparameters, simulate
 from reports.page import Page, store
 
-Array: TypeAlias = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 LEVEL, DECISION = 0.99, 0.95
 EDGE = float(-special.ndtri(0.5 * (1.0 - LEVEL)))
@@ -56,12 +55,8 @@ REFERENCES = np.array([[100.0, 1.0], [500.0, 2.0], [2000.0, 10.0]])
 _COLUMNS = ReadOptions(
     columns={
         name: {"name": name, "unit": unit}
-        for name, unit in (
-            ("k_ref", "N/m"),
-            ("k_adj", "N/m"),
-            ("b_ref", "N·s/m"),
-            ("b_adj", "N·s/m"),
-        )
+        for unit, names in {"N/m": ("k_ref", "k_adj"), "N·s/m": ("b_ref", "b_adj")}.items()
+        for name in names
     }
 )
 

@@ -30,7 +30,7 @@ from percept.haptics import (
 from percept.haptics.rendering import Rendering
 from reports.page import Page
 
-Array: TypeAlias = NDArray[np.float64]
+Array = NDArray[np.float64]
 #: Numerator and denominator in powers of z⁻¹.
 Fraction: TypeAlias = tuple[Array, Array]
 

@@ -141,27 +141,20 @@ def upper_above(published: Published) -> Evidence:
     bottom, top = published.span
     cases = []
     first = {}
+    omega = np.geomspace(bottom, published.loop.nyquist, 4001)[:-1]
     for wall in published.walls:
-        crossings = _crossings(published, wall)
-        at_low, at_high = corner_curves(published.loop, bottom, wall.stiffness, wall.damping)
-        inside = (crossings > bottom) & (crossings < top)
-        cases.append(bool(at_high >= at_low) and not inside.any())
-        if crossings.size:
-            first[wall.name] = float(crossings[0])
+
+        def gap(omega: Any, wall: Wall = wall) -> Any:
+            low, high = corner_curves(published.loop, omega, wall.stiffness, wall.damping)
+            return high - low
+
+        above = gap(omega) >= 0
+        cases.append(bool(above[omega < top].all()))
+        if not above.all():
+            crossed = omega[above.argmin()]
+            first[wall.name] = brentq(gap, 0.99 * crossed, crossed, xtol=1e-12)
     crossing = [name for name, omega in first.items() if omega <= top]
     return evidence(cases, crossing=crossing, first=first, apart=sum(cases))
-
-
-def _crossings(published: Published, wall: Wall) -> Array:
-    """Return where both curves of corners cross, rad/s, from the lowest frequency to Nyquist."""
-
-    def gap(omega: Any) -> Any:
-        at_low, at_high = corner_curves(published.loop, omega, wall.stiffness, wall.damping)
-        return at_high - at_low
-
-    omega = np.geomspace(published.span[0], published.loop.nyquist, 4001)[:-1]
-    (before,) = np.nonzero(np.diff(np.sign(gap(omega))))
-    return np.array([brentq(gap, *omega[i : i + 2], xtol=1e-12) for i in before])
 
 
 def arbitrary_model(published: Published) -> Evidence:
@@ -240,8 +233,7 @@ def discrimination(published: Published) -> Evidence:
 
 
 def _rises(values: dict[str, float]) -> bool:
-    steps = np.diff(list(values.values()))
-    return bool((steps > 0).all())
+    return bool((np.diff(list(values.values())) > 0).all())
 
 
 def magnitude_suffices(published: Published) -> Evidence:
@@ -270,9 +262,10 @@ def _damper_of(published: Published, magnitude: float) -> float | None:
 
 def window_suffices(published: Published) -> Evidence:
     """Judge whether what is read off around 10 rad/s is true over the perceivable range."""
-    shares = {}
-    for panel in panels(published):
-        shares[f"Fig. {panel.name}"] = share_true(published, panel.wall, panel.reading)
+    shares = {
+        f"Fig. {panel.name}": share_true(published, panel.wall, panel.reading)
+        for panel in panels(published)
+    }
     _, panel, _ = panels(published)
     read = share_true(published, panel.wall, coupled_inside)
     cases = [read > 0, read == 1.0]

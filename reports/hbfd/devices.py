@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from percept.haptics import Device, Environment, Loop, corner_curves, environment_impedance
 from reports.hbfd.published import LOOKED_AT, Array, Published, Wall
 
-BoolArray: TypeAlias = NDArray[np.bool_]
+BoolArray = NDArray[np.bool_]
 
 #: Masses a hand can move, kg.
 MASSES = np.geomspace(0.01, 30.0, 71)
