@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -195,7 +195,7 @@ def _stiffness_limit(v: Inputs) -> float:
     return twin.error_over_condition(v.b_d, twin.required, inputs)
 
 
-Computed: TypeAlias = Callable[[Inputs], Any]
+Computed = Callable[[Inputs], Any]
 
 _LIMIT = "largest stiffness"
 _PAIRS: dict[str, tuple[Computed, twin.Formula]] = {

@@ -10,7 +10,7 @@ import os
 import time
 import warnings
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from reports.fitted import LEVEL, Fitted
 from reports.studies import Array, Observed
 
 #: A number or an array of PyMC, or of numpy; PyMC has no types.
-Term: TypeAlias = Any
+Term = Any
 
 #: nutpie's default is 6; R-hat needs several.
 CHAINS = 4
@@ -176,7 +176,7 @@ def plain_model(observed: Observed) -> Any:
     return model
 
 
-_Pairs: TypeAlias = dict[tuple[int, int], Term]
+_Pairs = dict[tuple[int, int], Term]
 
 
 def _covariance(sd: Term, rho: Term) -> _Pairs:
