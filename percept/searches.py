@@ -216,17 +216,8 @@ def lowest(function: Callable[[Array, Indices], Array], grid: Array, count: int)
 def _section_minimum(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
     """Return a minimum of each of n functions, by many points of its bracket at a time.
 
-    Parameters
-    ----------
-    function : callable
-        Takes and returns arrays of shape (points, n).
-    low, high : ndarray, shape (n,)
-        Brackets.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Where several points are equally low, near the first.
+    The function takes and returns (points, n). Where several points are equally low it is near the
+    first.
     """
     fractions = np.linspace(0.0, 1.0, _POINTS + 2)[:, None]
     column = np.arange(low.size)

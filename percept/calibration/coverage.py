@@ -285,20 +285,10 @@ def averaged(plan: CoveragePlan, judged: Sequence[Held]) -> pd.DataFrame:
 
 
 def _standard_error(held: NDArray[np.float64]) -> float:
-    """Return the standard error of a mean.
+    """Return the standard error of a mean over studies; NaN of fewer than two.
 
     Six studies of six that hold do not make a coverage certain: studies that all agree count as
     with half a study more for and half a study more against.
-
-    Parameters
-    ----------
-    held : ndarray, shape (S,)
-        Fractions that were true, one per study.
-
-    Returns
-    -------
-    float
-        NaN of fewer than two studies.
     """
     if held.size < 2:
         return math.nan

@@ -51,17 +51,17 @@ _STIFFNESSES = 41
 #: The last line is a hair's breadth below the largest stable damping, where nothing is left.
 _LAST_LINE = 0.98
 #: A coupling at the edge of what is stable is pulled inside by this fraction of its stiffness.
-_INSIDE = 1e-4
-#: Nearer to an edge a coupling stands at it.
-_INSIDE_MAP = 1.0 - 2.0 * _INSIDE
+_PULLED_IN = 1e-4
+#: From this fraction of an edge's stiffness on, a coupling counts as standing at the edge.
+_AT_EDGE = 1.0 - 2.0 * _PULLED_IN
 #: The softest coupling of a map, against the softest stiffness in users' ranges.
 _SOFTER = 0.5
 #: A line of a map spans this factor of stiffness at least, also where little is stable.
 _LEAST_SPAN = 10.0
 #: Halvings of the step of a map that holds an end: the stiffness is known to a ten-thousandth.
 _HALVINGS = 10
-#: Ends that are tried before a search gives up.
-_TRIALS = 5
+#: Ends that are tried, each from a higher probability on, before a search gives up.
+_ENDS_TRIED = 5
 #: Frequencies of a map, per decade: twice as many change probabilities by a hundredth at most.
 _PER_DECADE = 4
 #: About each resonance, where margins dip: half as many change probabilities by a tenth.
@@ -185,12 +185,11 @@ def _map_of(name: str | None, judges: Sequence[_Judge]) -> EnvironmentCouplings:
     # Lines are dense at both ends.
     angle = np.linspace(0.0, _LAST_LINE * 0.5 * np.pi, _LINES)
     damping = stable.largest_damping() * np.sin(angle) ** 2
-    limit = (1.0 - _INSIDE) * np.maximum(stable.limit(damping), np.finfo(float).tiny)
+    limit = (1.0 - _PULLED_IN) * np.maximum(stable.limit(damping), np.finfo(float).tiny)
     # From one that is too soft for every environment on.
     softest = max(judge.softest for judge in judges)
     low = np.minimum(softest, limit / _LEAST_SPAN)
     stiffness = np.geomspace(low, limit, _STIFFNESSES).T
-    rigid = 2.0 * stable.rigid / stable.loop.period
     for draws in MAP_DRAWS:
         couplings = _Couplings(judges, stable, damping, stiffness, draws)
         ends = {end: couplings.confirmed_end(end) for end in _ENDS}
@@ -206,7 +205,7 @@ def _map_of(name: str | None, judges: Sequence[_Judge]) -> EnvironmentCouplings:
         damping=damping,
         stiffness=stiffness,
         probability=couplings.probability,
-        limited=bool(limit[0] < _INSIDE_MAP * rigid),
+        limited=bool(limit[0] < _AT_EDGE * stable.rigid_stiffness),
         outcome=outcome,
         draws=couplings.draws,
         **ends,
@@ -259,7 +258,7 @@ class _Couplings:
     def confirmed_end(self, end: End) -> ConfirmedCoupling | None:
         """Return the stiffest or the softest coupling that surely reaches the decision."""
         wanted = self._decision + _ERRORS * share_error(self._decision, _END_DRAWS)
-        for _ in range(_TRIALS):
+        for _ in range(_ENDS_TRIED):
             coupling = self._end(end, wanted)
             if coupling is None:
                 return None
@@ -306,9 +305,9 @@ class _Couplings:
         devices = self._stable.devices
         stable_error = share_error(stable, devices) if devices else 0.0
         bound: Literal["stability", "magnitude", "plane", "map"] = "magnitude"
-        if self._stable.at_nyquist(coupling) >= _INSIDE_MAP * self._stable.rigid:
+        if self._stable.at_nyquist(coupling) >= _AT_EDGE * self._stable.rigid_at_nyquist:
             bound = "map"
-        elif stiffness >= _INSIDE_MAP * self._stable.limit(damping) or stable < least.probability:
+        elif stiffness >= _AT_EDGE * self._stable.limit(damping) or stable < least.probability:
             bound = "stability"
         elif least.plane < least.magnitude:
             bound = "plane"

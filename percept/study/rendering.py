@@ -218,8 +218,10 @@ class StableCouplings:
         )
         largest = max(self.at_nyquist(shown) for shown in setup.references.values())
         used = 0.0 if setup.coupling is None else self.at_nyquist(setup.coupling)
-        #: N·s/m, what a coupling asks for at Nyquist from which on it counts as rigid.
-        self.rigid = max(_RIGID * largest, 2.0 * used)
+        #: N·s/m: couplings that ask for as much at Nyquist count as rigid.
+        self.rigid_at_nyquist = max(_RIGID * largest, 2.0 * used)
+        #: N/m: without damping they do from here on.
+        self.rigid_stiffness = self.rigid_at_nyquist * 2.0 / self.loop.period
 
     def at_nyquist(self, shown: Environment | Coupling) -> float:
         """Return what a spring and a damper ask for at Nyquist, N·s/m."""
@@ -245,7 +247,7 @@ class StableCouplings:
 
     def largest_damping(self) -> float:
         """Return the largest b_c that is stable without a spring, N·s/m; 0 without any."""
-        top = np.array([self.rigid])
+        top = np.array([self.rigid_at_nyquist])
         return float(self._limit(lambda damping: self._asked(0.0 * damping, damping), top)[0])
 
     def limit(self, damping: Array) -> Array:
@@ -253,7 +255,7 @@ class StableCouplings:
 
         It ends where couplings count as rigid.
         """
-        top = np.maximum(self.rigid - damping, 0.0) * (2.0 / self.loop.period)
+        top = np.maximum(self.rigid_at_nyquist - damping, 0.0) * (2.0 / self.loop.period)
         return self._limit(self._asked, top, damping)
 
     def _limit(self, asked: Callable[..., Array], top: Array, *beside: Array) -> Array:
