@@ -28,6 +28,7 @@ from percept.report.decisions import (
     RENDERED,
     coupling_sentences,
     device_sentence,
+    doubtful_rendering,
     doubtful_verdicts,
     feeling_sentences,
 )
@@ -221,6 +222,7 @@ def cautions(results: Results) -> list[str]:
     said += _other_family(results)
     if gate and gate.passed and not gate.tolerance_met:
         said.append(gate.error_reached)
+    said += doubtful_rendering(results)
     said += doubtful_verdicts(results)
     said += _pooled(results)
     said += _widened(results)
