@@ -115,8 +115,6 @@ def plan_like(
     method: Method = "both",
     users_family: Family = "lognormal",
     values: TrueValues | None = None,
-    model: dict[str, Any] | None = None,
-    each: bool = False,
 ) -> CoveragePlan:
     """Plan studies of this one's environments and settings.
 
@@ -128,10 +126,8 @@ def plan_like(
         Subjects with a trial each; the study's own subjects and trials by default.
     method : {"both", "classical", "bayesian"}
         Which methods are judged.
-    users_family, values, each
+    users_family, values
         As `CoveragePlan` has them.
-    model : dict, optional
-        ``[model]`` of the analysis.
 
     Returns
     -------
@@ -140,10 +136,10 @@ def plan_like(
     design = _design_of(study)
     if subjects not in (None, len(design.trials)):
         design = replace(design, trials=np.ones((subjects, len(design.references)), dtype=int))
-    model = model or {}
+    model: dict[str, Any] = {}
     if values is None or not np.any(values.hyper.omega_s):
         # Subjects have trial SDs of their own only if they truly do.
-        model = model | {"subjects_trial_sd": False}
+        model["subjects_trial_sd"] = False
     asked = study.scene.inference
     if is_impedance(design.parameters):
         own = study.scene.device
@@ -163,7 +159,6 @@ def plan_like(
         frequency=_FREQUENCY,
         model=model,
         inference={
-            "kinds": ["user"] if each else ["mean", "user", "share"],
             "level": asked.level,
             "share": asked.share,
             "confidence": asked.confidence,
@@ -173,9 +168,7 @@ def plan_like(
             "seed": asked.seed,
         },
     )
-    return CoveragePlan(
-        design=design, scene=scene, users_family=users_family, values=values, each=each
-    )
+    return CoveragePlan(design=design, scene=scene, users_family=users_family, values=values)
 
 
 def _design_of(study: Study) -> Design:

@@ -63,8 +63,6 @@ class CoveragePlan:
     scene: Scene  # Of the analysis; its seed is that of the whole
     users_family: Family = "lognormal"  # Distribution of the simulated users
     values: TrueValues | None = None  # What the studies are drawn from; the priors where None
-    # Judge the next user's intervals only, in each environment and parameter by itself.
-    each: bool = False
 
     def __post_init__(self) -> None:
         subjects, environments = self.design.trials.shape
@@ -84,10 +82,6 @@ class CoveragePlan:
     def key(self) -> str:
         """A digest that tells results of different plans apart."""
         return plan_digest(self)
-
-    def by(self, method: Method) -> CoveragePlan:
-        """Return the same studies, judged by one method or both."""
-        return dataclasses.replace(self, scene=self.scene.with_inference(method=method))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -233,11 +227,6 @@ def _populations(plan: CoveragePlan, values: TrueValues) -> dict[str, Population
     return populations
 
 
-def claim_of_cell(parameter: str, environment: str) -> str:
-    """Name the claim of a plan that judges each interval by itself."""
-    return f"{parameter} in {environment}"
-
-
 def _claims(
     plan: CoveragePlan,
     study: Study,
@@ -245,17 +234,11 @@ def _claims(
     rng: np.random.Generator,
 ) -> Iterator[tuple[Labels, float]]:
     """Yield each claim of a study, and how far it is true."""
-    intervals = study.intervals
-    if plan.each:
-        intervals = intervals.query(
-            "joint == 'marginal' and (method == 'bayesian' or family == 'normal')"
-        )
-    rows: Iterator[Any] = iter(intervals.itertuples(index=False))
+    rows: Iterator[Any] = iter(study.intervals.itertuples(index=False))
     for row in rows:
-        name = claim_of_cell(row.parameter, row.environment) if plan.each else "interval"
-        labels = Labels(name, row.kind, row.method, row.family, row.joint)
+        labels = Labels("interval", row.kind, row.method, row.family, row.joint)
         yield labels, interval_held(row, populations[row.environment])
-    if is_impedance(plan.design.parameters) and not plan.each:
+    if is_impedance(plan.design.parameters):
         yield from _boundary_claims(study, populations, rng)
 
 

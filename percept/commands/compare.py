@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-import shlex
 from typing import TYPE_CHECKING
 
 from percept.commands import JSON, Command, argument
@@ -15,7 +14,6 @@ from percept.commands.analysis import (
     open_study,
     print_json,
     print_table,
-    settings,
     show,
     tell_error,
     with_factor,
@@ -190,8 +188,6 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     """Print the comparison of the two methods on one study."""
     import pandas as pd
 
-    from percept.calibration.advice import recommend
-
     method = study.scene.inference.method
     if method != "both":
         hint = 'Set method = "both", or give a second study.'
@@ -208,7 +204,6 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     table = pd.DataFrame(pairs).merge(study.summary(None))
     progress.stop()
     tell_error(study)
-    advice = recommend(study, arguments.coverage, _calibrate_command(arguments))
     if arguments.json:
         results: dict[str, object] = {
             "comparison": table,
@@ -216,13 +211,11 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
             "ladder": ladder,
             "band_pairs": study.band_pairs,
         }
-        results |= {"advice": advice}
         print_json({**_stated(study), **results})
         return
     print_table(table, _PAIRS, head=f"Intervals in pairs, {_claim(study)}:")
     show("\n".join(["", *_feelings(study)]))
     _bands(study)
-    show("\n".join(map(printable, ["", *advice])))
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
     show("\n".join(map(printable, ladder.notes)))
     kind = study.scene.inference.kinds[0]
@@ -241,16 +234,6 @@ def _bands(study: Study) -> None:
     rows = [pair.flat() for pair in pairs]
     head = f"Boundaries in pairs, Bayesian against classical, {_claim(study)}. {_LEGEND}"
     print_table(rows, head=head)
-
-
-def _calibrate_command(arguments: argparse.Namespace) -> str:
-    """Write the command that simulates studies like this one."""
-    words = ["percept", "calibrate", *arguments.sessions]
-    options = {"scene": arguments.scene, **settings(arguments), "out": arguments.coverage}
-    for name, value in options.items():
-        if value is not None:
-            words += [f"--{name}", str(value)]
-    return shlex.join([*words, "--advice"])
 
 
 def _feelings(study: Study) -> list[str]:
@@ -281,12 +264,6 @@ COMPARE = Command(
         *STUDY,
         argument("--other-scene", "FILE", "scene of the second study, such as another device"),
         argument("--by", "COLUMN", "compare the groups, or conditions, in this column"),
-        argument(
-            "--coverage",
-            "DIR",
-            "where percept calibrate --advice wrote what recommends a method (coverage)",
-            default="coverage",
-        ),
         JSON,
     ),
     _run,

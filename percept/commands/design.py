@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from percept.commands import JSON, Command, argument, flag, folder, number
+from percept.commands import JSON, Command, argument, folder, number
 from percept.commands.analysis import (
     STUDY,
     WORKERS,
@@ -207,7 +207,6 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     """Write DIR/coverage.md and coverage.csv; an interrupted run goes on from judged.jsonl."""
     import pandas as pd
 
-    from percept.calibration.advice import ADVICE_FILE, gather
     from percept.calibration.coverage import coverage, coverage_markdown
     from percept.provenance import made_by
 
@@ -222,11 +221,6 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         def told(done: int, total: int) -> None:
             working.show(f"{done} of {total} studies", done, total)
 
-        if arguments.advice:
-            table = gather(tuple(plans), checkpoint, mapper=mapper, progress=told)
-            table.to_csv(out / ADVICE_FILE, index=False)
-            print(out / ADVICE_FILE)
-            return
         tables = []
         for plan in plans:
             studies = arguments.studies
@@ -246,14 +240,11 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
 def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
     """Plan studies for each method, number of subjects and distribution of users."""
-    from percept.calibration.advice import advice_plans
     from percept.calibration.coverage import fitted_values, plan_like, refuse_unfit
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         refuse_unfit(study)
-        if arguments.advice:
-            return list(advice_plans(study))
         values = fitted_values(study) if arguments.source == "fit" else None
     method = study.scene.inference.method
     methods: list[Method] = ["classical", "bayesian"] if method == "both" else [method]
@@ -352,7 +343,6 @@ CALIBRATE = Command(
             choices=("lognormal", "normal"),
             default=["lognormal"],
         ),
-        flag("--advice", "simulate what percept compare recommends a method by; it resumes"),
         *WORKERS,
         folder("coverage"),
     ),

@@ -160,10 +160,7 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
     assert len(steps) == 2 * 2 * 5
     for row in steps:
         assert f"{row['centre']:.4g}" in text.split("The steps of kind mean")[1]
-    told = found["advice"]
-    assert max(len(line) for line in text.splitlines() if line not in told) < 160
-    assert "--tolerance 0.2 --out coverage --advice would tell." in told[-1]
-    assert told[-1] in text
+    assert max(len(line) for line in text.splitlines()) < 160
 
 
 @pytest.mark.parametrize(
