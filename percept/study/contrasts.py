@@ -1,13 +1,21 @@
-"""Contrasts of factors and groups: by the classical method, and the row of one by any method."""
+"""Contrasts of factors and groups, levels, and the analysis of variance, by the classical method.
+
+A subject's value in a cell is the mean of their trials there, on the response scale. Rows of
+contrasts by any method are made here.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import json
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 
 from percept.errors import RefusalError
+from percept.inference.classical.anova import Effect, anova
 from percept.inference.classical.contrasts import (
     TwoSamples,
     group_contrast,
@@ -17,12 +25,13 @@ from percept.inference.classical.contrasts import (
 )
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Interval, Kind, Method
-from percept.results import ContrastRow, LevelValues, Skipped
+from percept.results import AnovaRow, ContrastRow, LevelValues, Skipped
 from percept.sessions.records import Factors
 from percept.study.basics import Array, claim_of, known
 from percept.study.comparisons import Comparison, comparisons, level_means
 from percept.study.conditions import CellKey, Conditions
 from percept.study.data import Data
+from percept.study.responses import Trials
 from percept.study.subject_cells import (
     SubjectCells,
     log_trial_sds,
@@ -31,6 +40,8 @@ from percept.study.subject_cells import (
 )
 
 _Rows = Iterator[ContrastRow | Skipped]
+#: What the references are called as a factor: the column of the sessions.
+ENVIRONMENT = "environment"
 
 
 def classical_contrasts(data: Data) -> _Rows:
@@ -253,3 +264,90 @@ def level_values(data: Data) -> Iterator[LevelValues]:
                 within=comparison.within,
                 values=tuple(map(known, values.tolist())),
             )
+
+
+def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
+    """Yield the analysis of variance of the model's terms, unless the method is Bayesian alone.
+
+    Each term is tested by itself, and as it differs between references.
+    """
+    factors = data.sessions.factors
+    conditions = data.conditions
+    if factors is None or not conditions.factors or data.asked.method == "bayesian":
+        return
+    # As sets: a:b and b:a are one term.
+    terms = {frozenset(term) for term in conditions.terms}
+    for parameter in data.parameters:
+        what = f"analysis of variance of {data.quantities[parameter].label}"
+        try:
+            cells = data.subject_cells(parameter)
+        except RefusalError:
+            # The contrasts say why.
+            continue
+        if len(conditions.between) > 1:
+            yield Skipped(what, "it compares the groups of one column only")
+            continue
+        trials = data.trials(parameter)
+        try:
+            effects = _effects(cells, trials, factors, conditions)
+        except RefusalError as refused:
+            yield Skipped(what, str(refused))
+            continue
+        for effect in effects:
+            of_model = frozenset(effect.factors) - {ENVIRONMENT}
+            if not of_model or of_model in terms:
+                yield AnovaRow(
+                    factor=":".join(effect.factors),
+                    parameter=parameter,
+                    family=data.asked.family,
+                    n=len(trials.subjects),
+                    **{name: value for name, value in vars(effect).items() if name != "factors"},
+                )
+
+
+def _effects(
+    cells: SubjectCells, trials: Trials, factors: Factors, conditions: Conditions
+) -> Sequence[Effect]:
+    """Test subjects' means: an axis for the references, and one for each factor within subjects.
+
+    The factor between subjects, of which there is one at most, puts each into a group.
+    """
+    within = {
+        name: labels for name, labels in factors.levels.items() if name not in conditions.between
+    }
+    values = _complete(cells, trials, factors, list(within.values()))
+    axes: dict[str, Sequence[str]] = {}
+    if len(factors.environments) > 1:
+        axes[ENVIRONMENT] = tuple(factors.environments)
+    axes |= within
+    between = next(iter(conditions.between), "")
+    group = pd.factorize(cells.groups[between])[0] if between else None
+    values = values.reshape(len(values), *(len(labels) for labels in axes.values()))
+    return anova(values, tuple(axes), group=group, between=between)
+
+
+def _complete(
+    cells: SubjectCells, trials: Trials, factors: Factors, within: Sequence[Sequence[str]]
+) -> Array:
+    """Subjects' values in all cells, (N, cells), references slowest; refuse a missing one.
+
+    `within` holds the levels of each factor within subjects.
+    """
+    keys = list(itertools.product(factors.environments, itertools.product(*within)))
+    table = cells.in_cells(keys)
+    missing = np.argwhere(np.isnan(table))
+    if len(missing):
+        row, column = missing[0].tolist()
+        environment, levels = keys[column]
+        subject = trials.subjects[row]
+        count = len(np.unique(missing[:, 0]))
+        more = f" Cells are missing for {count} subjects in all." if count > 1 else ""
+        cell = factors.cell(environment, levels) if levels else environment
+        name = json.dumps(subject, ensure_ascii=False)  # JSON's texts are TOML's, too
+        rule = f'{{ column = "subject", equals = {name}, why = "incomplete" }}'
+        raise RefusalError(
+            f"{subject} has no trial in {cell}, and the analysis needs complete cells.{more}",
+            hint=f"To leave {subject} out: [sessions] exclude = [{rule}]. The contrasts use all"
+            " data.",
+        )
+    return table

@@ -22,8 +22,7 @@ from percept.results import (
 )
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.anova import anova_rows
-from percept.study.contrasts import classical_contrasts, level_values
+from percept.study.contrasts import anova_rows, classical_contrasts, level_values
 from percept.study.data import Data
 from percept.study.intervals import COLUMNS, classical_rows, method_pairs
 from percept.study.psychophysics.classical import absent_jnds, classical_psychophysics

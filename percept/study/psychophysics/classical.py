@@ -24,7 +24,7 @@ from percept.inference.classical.variability import (
 )
 from percept.results import PsychophysicsRow, Skipped
 from percept.study.data import Cell, Data
-from percept.study.psychophysics.rows import Place
+from percept.study.psychophysics.rows import Measured
 from percept.study.responses import Trials
 
 
@@ -32,18 +32,18 @@ def classical_psychophysics(data: Data) -> Iterator[PsychophysicsRow]:
     """Yield the classical rows; of published limits those of means and SDs only."""
     for parameter in data.parameters:
         trials = _trials_if_any(data, parameter)
-        places = {}
+        by_environment = {}
         for cell in data.cells[data.asked.family]:
             if cell.parameter != parameter:
                 continue
-            place = _place(cell, data, trials)
-            places[cell.environment] = place
+            measured = _measured(cell, data, trials)
+            by_environment[cell.environment] = measured
             if cell.moments is not None:
-                yield from _of_means(place, cell.moments)
+                yield from _of_means(measured, cell.moments)
         if trials is not None:
             for j, environment in enumerate(trials.environments):
-                yield from _of_trials(places[environment], trials, j)
-            yield from _over_all(places[trials.environments[0]], trials)
+                yield from _of_trials(by_environment[environment], trials, j)
+            yield from _over_all(by_environment[trials.environments[0]], trials)
     if len(data.parameters) == 2:
         yield from _correlations(data)
 
@@ -73,12 +73,12 @@ def _trials_if_any(data: Data, *parameters: str) -> Trials | None:
         return None
 
 
-def _place(cell: Cell, data: Data, trials: Trials | None) -> Place:
+def _measured(cell: Cell, data: Data, trials: Trials | None) -> Measured:
     """Return where a cell's rows belong."""
     unit = 1.0
     if trials is not None and cell.environment in trials.environments:
         unit = float(trials.scale.unit[trials.environments.index(cell.environment)])
-    return Place(
+    return Measured(
         data=data,
         method="classical",
         parameter=cell.parameter,
@@ -88,24 +88,24 @@ def _place(cell: Cell, data: Data, trials: Trials | None) -> Place:
     )
 
 
-def _of_means(place: Place, moments: Moments) -> Iterator[PsychophysicsRow]:
+def _of_means(measured: Measured, moments: Moments) -> Iterator[PsychophysicsRow]:
     """Yield rows of subjects' mean and SD."""
-    asked = place.data.asked
+    asked = measured.data.asked
     mean = interval_of("mean", moments, Claim(level=asked.level, family=asked.family))
     pse = Bounded(float(mean.estimate), float(mean.lower), float(mean.upper))
-    yield from place.rows("pse", pse)
-    sd = float(moments.on_scale(asked.family).sd) / place.unit
-    yield from place.rows("sd_subjects", sd_interval(sd, place.n - 1.0, level=asked.level))
+    yield from measured.rows("pse", pse)
+    sd = float(moments.on_scale(asked.family).sd) / measured.unit
+    yield from measured.rows("sd_subjects", sd_interval(sd, measured.n - 1.0, level=asked.level))
 
 
-def _of_trials(place: Place, trials: Trials, j: int) -> Iterator[PsychophysicsRow]:
+def _of_trials(measured: Measured, trials: Trials, j: int) -> Iterator[PsychophysicsRow]:
     """Yield rows of repeated trials in environment j."""
-    level = place.data.asked.level
+    level = measured.data.asked.level
     df = float(trials.statistics.trial_df[j])
     if df == 0.0:
         return
     trial_sd = abs(float(trials.statistics.trial_rows[0, 0, j])) / math.sqrt(df)
-    yield from place.rows("sigma_e", sd_interval(trial_sd, df, level=level))
+    yield from measured.rows("sigma_e", sd_interval(trial_sd, df, level=level))
     present = trials.counts[:, j] > 0
     means = trials.statistics.cell_means[present, 0, j]
     no_scatter = trial_sd == 0.0 and np.ptp(means) == 0.0
@@ -113,19 +113,19 @@ def _of_trials(place: Place, trials: Trials, j: int) -> Iterator[PsychophysicsRo
         return
     counts = trials.counts[present, j]
     reliability = icc_consistency(trial_mean_squares(means, counts, trial_sd), level=level)
-    yield from place.rows("icc_1", reliability, approximate=bool(np.ptp(counts) > 0.0))
+    yield from measured.rows("icc_1", reliability, approximate=bool(np.ptp(counts) > 0.0))
 
 
-def _over_all(place: Place, trials: Trials) -> Iterator[PsychophysicsRow]:
+def _over_all(measured: Measured, trials: Trials) -> Iterator[PsychophysicsRow]:
     """Yield components of variance over all environments, of subjects who were in each."""
-    level = place.data.asked.level
+    level = measured.data.asked.level
     table = trials.statistics.cell_means[:, 0]
     complete = np.isfinite(table).all(axis=1)
     try:
         squares = mean_squares(table[complete])
     except RefusalError:
         return
-    overall = dataclasses.replace(place, environment=None, n=int(complete.sum()))
+    overall = dataclasses.replace(measured, environment=None, n=int(complete.sum()))
     yield from overall.rows("sigma_u", component_sd(squares, level=level), approximate=True)
     df = float(trials.statistics.trial_df.sum())
     if df > 0.0:
@@ -165,11 +165,11 @@ def _correlations(data: Data) -> Iterator[PsychophysicsRow]:
             bounded = correlation(pairs, level=data.asked.level)
         except RefusalError:
             continue
-        place = Place(
+        measured = Measured(
             data=data,
             method="classical",
             parameter=", ".join(data.parameters),
             environment=environment,
             n=len(pairs),
         )
-        yield from place.rows("correlation", bounded, approximate=True)
+        yield from measured.rows("correlation", bounded, approximate=True)

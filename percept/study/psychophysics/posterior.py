@@ -32,10 +32,10 @@ from percept.inference.sampling.endpoints import mixture_limits
 from percept.results import Measure, PsychophysicsRow
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
-from percept.study.psychophysics.rows import Place, mapped
+from percept.study.psychophysics.rows import Measured, mapped
 
 _Rows = Iterator[PsychophysicsRow]
-#: Draws, (S, places), by what they are of.
+#: Draws, (S, cells) or (S, quantities), by what they are of.
 _Drawn = dict[Measure, Array]
 
 
@@ -80,11 +80,11 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
     """Yield the Bayesian rows of a fit that passed."""
     data = fit.data
     limits = DrawLimits(data.asked.level, effective=len(fit.points))
-    places = []
+    every_cell = []
     of_means = limits.of_laws(fit.moments)
     population_sd = fit.moments.population_sd
     for (parameter, environment), c in fit.column.items():
-        place = Place(
+        measured = Measured(
             data=data,
             method="bayesian",
             parameter=parameter,
@@ -92,9 +92,9 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
             n=int(fit.counts[c]),
             unit=float(fit.scale.unit[c]),
         )
-        places.append(place)
-        yield from place.rows("pse", mapped(of_means[c], fit.scale.at(c).native))
-        yield from place.rows("sd_subjects", limits.of(population_sd[:, c]))
+        every_cell.append(measured)
+        yield from measured.rows("pse", mapped(of_means[c], fit.scale.at(c).native))
+        yield from measured.rows("sd_subjects", limits.of(population_sd[:, c]))
     locations, _ = fit.model.draw(fit.points, generator(data.asked.seed, Stream.PSYCHOPHYSICS))
     every = fit.run.points.reshape(len(population_sd), -1)
     of_every = fit.model.split(every)
@@ -102,14 +102,14 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
     first = 0
     for (model, every_draw), (_, points) in zip(of_every, of_points, strict=True):
         last = first + len(model.cells)
-        of_cells = places[first:last]
+        of_cells = every_cell[first:last]
         scales = _scales_of(model, every_draw)
         drawn = _of_cells(scales, population_sd[:, first:last])
         yield from _rows(drawn, of_cells, limits)
         subjects = len(model.statistics.subjects)
         over_all = [
-            dataclasses.replace(place, environment=None, n=subjects)
-            for place in of_cells[:: len(model.statistics.environments)]
+            dataclasses.replace(measured, environment=None, n=subjects)
+            for measured in of_cells[:: len(model.statistics.environments)]
         ]
         yield from _of_subjects(model, scales, over_all, limits)
         yield from _slopes(model, points, over_all, limits)
@@ -126,13 +126,13 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
 
 def _rows(
     drawn: _Drawn,
-    places: Sequence[Place],
+    measured: Sequence[Measured],
     limits: DrawLimits,
 ) -> _Rows:
-    """Yield the rows of draws in each place."""
+    """Yield the rows of draws of each quantity measured."""
     for measure, draws in drawn.items():
-        for place, column in zip(places, draws.T, strict=True):
-            yield from place.rows(measure, limits.of(column))
+        for one, column in zip(measured, draws.T, strict=True):
+            yield from one.rows(measure, limits.of(column))
 
 
 def _scales_of(model: LinearModel, points: Array) -> dict[str, Array]:
@@ -180,7 +180,7 @@ def _of_cells(scales: Mapping[str, Array], population_sd: Array) -> _Drawn:
 def _of_subjects(
     model: LinearModel,
     scales: Mapping[str, Array],
-    over_all: Sequence[Place],
+    over_all: Sequence[Measured],
     limits: DrawLimits,
 ) -> _Rows:
     """Yield each subject's own trial SD: the geometric mean over the cells of its groups."""
@@ -189,16 +189,16 @@ def _of_subjects(
     own = cells_of_subjects(model).T
     mean_log_sd = np.log(scales["sigma_e"]) @ (own / own.sum(axis=0))
     trial_sd = np.exp(mean_log_sd + scales["phi"])  # (S, P, N)
-    for p, place in enumerate(over_all):
+    for p, measured in enumerate(over_all):
         for i, subject in enumerate(model.statistics.subjects):
-            of_subject = dataclasses.replace(place, n=1, subject=subject)
+            of_subject = dataclasses.replace(measured, n=1, subject=subject)
             yield from of_subject.rows("sigma_e", limits.of(trial_sd[:, p, i]))
 
 
 def _slopes(
     model: LinearModel,
     points: Array,
-    over_all: Sequence[Place],
+    over_all: Sequence[Measured],
     limits: DrawLimits,
 ) -> _Rows:
     """Yield how the bias grows with the reference, where there are several."""
@@ -248,7 +248,7 @@ def _over_all(
 def _correlations(
     model: LinearModel,
     points: Array,
-    of_cells: Sequence[Place],
+    of_cells: Sequence[Measured],
     limits: DrawLimits,
 ) -> _Rows:
     """Yield the correlation of both quantities between users, environment by environment."""
@@ -256,8 +256,8 @@ def _correlations(
     variances = np.diagonal(users, axis1=2, axis2=3)
     correlation = users[..., 0, 1] / np.sqrt(variances.prod(axis=2))
     both = ", ".join(model.statistics.parameters)
-    for place, draws in zip(of_cells, correlation.T, strict=False):
-        of_pair = dataclasses.replace(place, parameter=both)
+    for measured, draws in zip(of_cells, correlation.T, strict=False):
+        of_pair = dataclasses.replace(measured, parameter=both)
         yield from of_pair.rows("correlation", limits.of(draws))
 
 

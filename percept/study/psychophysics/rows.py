@@ -20,8 +20,8 @@ _QUARTILE = 0.6744897501960817
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Place:
-    """Where rows belong: a quantity in an environment, or over all, by one method."""
+class Measured:
+    """A quantity in an environment, or over all, by one method: what its numbers say as rows."""
 
     data: Data
     method: Method
