@@ -155,7 +155,7 @@ def test_any_samples_are_within_four_ulp(samples):
     assert_within_four_ulp(samples)
 
 
-@pytest.mark.parametrize("n", [2, 3, 10, 33, 1000, 5000])
+@pytest.mark.parametrize("n", [2, 3, 10, 33, 1000])
 def test_hard_samples_are_within_four_ulp(n):
     random = np.random.default_rng(n)
     base = random.normal(size=(3 if n > 100 else 40, n))

@@ -99,29 +99,6 @@ def test_the_damping_with_which_a_stiffness_asks_for_least():
     assert f"{device:.5g}" == "0.10695"
 
 
-def test_two_couplings_with_one_eq_10_and_one_stable_pole():
-    # Nearer to DC, z − 1 loses the digits of this plain arithmetic.
-    z = np.exp(1j * np.linspace(0.05, np.pi - 1e-3, 1001))
-    own, mirrored = (b + k / ((z - 1) / (T * z)) for k, b in ((50e3, 100.0), (-50e3, 150.0)))
-    np.testing.assert_allclose((1 / own).real, (1 / mirrored).real, rtol=1e-12)
-    assert np.roots([150.0, -100.0]) == pytest.approx([100 / 150])
-    assert np.roots([100.0, -150.0]) == pytest.approx([1.5])
-    # With the hand clamped and a passive environment, a damper of 1 N·s/m, Z_c + Z_e = 0 has this
-    # root.
-    assert abs(np.roots([100.0 + 1.0, -150.0 - 1.0])) > 1
-
-
-def test_where_eq_10_fails_a_passive_environment_makes_the_port_active():
-    omega = 2073.2
-    z, (_, zoh) = np.exp(1j * omega * T), parts(omega)
-    z_c = 100.0 + 50e3 / ((z - 1) / (T * z))
-    reactance = 1j * np.linspace(-1e4, 1e4, 200_001)
-    for own, active in ((15.8, True), (15.9, False)):
-        # Eq. 4 closed by F_e = Z_e·v_e: the device in series with the hold and Z_c beside Z_e.
-        port = own + zoh * z_c * reactance / (z_c + reactance)
-        assert (port.real.min() < 0) == active
-
-
 @pytest.mark.parametrize("name", ["VE1", "VE2", "VE3", "VE4", "VE5"])
 def test_damping_for_direct_rendering_by_colgate_s_integrand(name, published, claims):
     wall = next(wall for wall in published.walls if wall.name == name)
@@ -465,6 +442,49 @@ def test_the_masses_of_fig_7d_by_a_linear_program(published, claims):
     found = numbers_of(claims["fig-7d"])
     assert found["largest mass, least"] == pytest.approx(min(limits), rel=1e-6)
     assert found["largest mass, most"] == pytest.approx(max(limits), rel=1e-6)
+
+
+@pytest.mark.parametrize("panel", [0, 1, 2])
+def test_readings_over_devices_one_by_one(panel, published):
+    shown = devices.panels(published)[panel]
+    masses, dampings = devices.MASSES[::10], devices.DAMPINGS[::12]
+    found = devices.over_devices(published, shown, masses, dampings[:, None])
+    window = np.linspace(*shown.window, 9)
+    wanted = [
+        [bool(READINGS[shown.name](*four(window, (m, b), shown.wall)).all()) for m in masses]
+        for b in dampings
+    ]
+    assert found.tolist() == wanted
+
+
+def test_panels_take_the_windows_of_the_scene(published):
+    assert [(p.name, p.wall.name, p.window) for p in devices.panels(published)] == [
+        ("7b", "VE1", (9.89, 10.11)),
+        ("7d", "VE2", (9.9, 10.1)),
+        ("7f", "VE4", (9.3, 10.6)),
+    ]
+
+
+@pytest.mark.parametrize("limit", [0.0123, 1.0, 7.77])
+def test_largest_finds_the_limit(limit):
+    found = devices.largest(lambda x: x <= limit, np.geomspace(0.01, 10.0, 20))
+    assert found == pytest.approx(limit, rel=1e-11)
+    assert found <= limit
+
+
+def test_largest_at_the_ends():
+    scale = np.geomspace(0.01, 10.0, 20)
+    assert devices.largest(lambda x: x > 0, scale) == np.inf
+    assert devices.largest(lambda x: x < 0, scale) is None
+
+
+def test_next_users_have_the_limits_of_the_lognormal_prediction(published):
+    (lower, upper), _ = published.next_user[1]
+    mean, sd = 981.03, 35.200
+    spread = np.sqrt(np.log1p((sd / mean) ** 2))
+    centre = np.log(mean) - spread**2 / 2
+    wanted = np.exp(centre + np.array([-1, 1]) * 3.40846 * spread)
+    np.testing.assert_allclose([lower, upper], wanted, rtol=2e-4)
 
 
 def test_fig_7f_is_true_of_any_device(published):
