@@ -14,6 +14,7 @@ from percept.files import (
     FolderFiles,
     exclusive,
     filled_folder,
+    inert,
     own_folder,
     whole_file,
     write_whole,
@@ -28,6 +29,13 @@ def test_a_file_is_replaced_whole_and_nothing_stays_beside_it(tmp_path):
     write_whole(path, b"new")
     assert path.read_bytes() == b"new"
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+@pytest.mark.parametrize("start", ["", " ", "\t", "\u00a0 ", "\n"])
+@pytest.mark.parametrize("sign", ["=", "+", "-", "@", "＝"])
+def test_text_that_a_spreadsheet_would_run_is_marked(start, sign):
+    assert inert(f"{start}{sign}1") == f"'{start}{sign}1"
+    assert inert(f"{start}a{sign}1") == ("'" if start == "\t" else "") + f"{start}a{sign}1"
 
 
 @posix

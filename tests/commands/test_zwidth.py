@@ -23,8 +23,16 @@ def scene(tmp_path):
 
 
 def test_the_edge_is_printed_and_needs_the_damping_of_the_device(scene, capsys):
+    assert main(["zwidth", scene("delay = 1.0")]) == 0
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()[3:]]
     assert main(["zwidth", scene("delay = 1.0"), "--json"]) == 0
     edge = json.loads(capsys.readouterr().out)["edge"]
+    pairs = {
+        (f"{damping:.4g}", f"{stiffness:.6g}")
+        for damping, stiffness in zip(edge["damping"], edge["stiffness"], strict=True)
+    }
+    assert len(printed) > 5
+    assert set(map(tuple, printed)) <= pairs
     walls = Environment(edge["stiffness"], edge["damping"])
     needed = needed_damping(Loop(Device(1.0, 5.0), T, delay=1.0), walls).damping
     assert needed == pytest.approx(np.full(len(edge["stiffness"]), 5.0), rel=1e-8)
