@@ -69,6 +69,9 @@ class CouplingJudge:
         self._ranged = np.zeros(users.size, dtype=bool)
         nothing = np.empty((users.size, omega.size))
         self._ranges = Range(nothing, nothing.copy())
+        # Where abs(Z_h) is looked at, and which of these ruled out a coupling under some draw.
+        self._looked_at = np.arange(omega.size)
+        self._decides = np.zeros(omega.size, dtype=bool)
 
     def probabilities(self, couplings: Coupling, draws: int) -> Array:
         """Return the share of the first draws under which each coupling feels real.
@@ -94,15 +97,26 @@ class CouplingJudge:
         (columns,) = np.nonzero(inside.any(axis=0))
         self._work_out(columns[~self._ranged[columns]])
         kept = inside[np.ix_(rows, columns)]
-        shown_points = Point(stiffness[:, rows], damping[:, rows])
+        looked_at = np.ix_(self._looked_at, rows)
+        shown_points = Point(stiffness[looked_at], damping[looked_at])
         displayed = self._plane.column().distance(shown_points)
         for index, radius in enumerate(displayed):
             column = radius[:, None]
-            kept &= column >= self._ranges.low[columns, index]
-            kept &= column <= self._ranges.high[columns, index]
+            within = column >= self._ranges.low[columns, index]
+            within &= column <= self._ranges.high[columns, index]
+            self._decides[index] |= bool(np.any(kept & ~within))
+            kept &= within
         probabilities = np.zeros(len(inside))
         probabilities[rows] = kept.sum(axis=1) / draws
         return probabilities
+
+    def only_deciding(self) -> None:
+        """Look at abs(Z_h) only at the frequencies that ruled out a coupling so far."""
+        decides = self._decides
+        self._looked_at = self._looked_at[decides]
+        self._plane = self._plane.select(decides)
+        self._ranges = Range(self._ranges.low[:, decides], self._ranges.high[:, decides])
+        self._decides = decides[decides]
 
     def _work_out(self, draws: Indices) -> None:
         """Work out the ranges of abs(Z_h) of some draws."""

@@ -200,6 +200,8 @@ def _map_of(name: str | None, judges: Sequence[_Judge]) -> EnvironmentCouplings:
             outcome = "none"
         if outcome != "undecided":
             break
+        for of_environment in judges:
+            of_environment.couplings.only_deciding()
     return EnvironmentCouplings(
         name=name,
         damping=damping,
