@@ -90,11 +90,15 @@ class _PartialFraction(NamedTuple):
 
     def sum_over_aliases(self, half: FloatArray, fraction: float) -> ComplexArray:
         """Return 4·weight times the sum of e^{−jθ_k·f}/(θ_k² − root²)."""
+        turn = 1j * self.root
         back = np.exp(-2j * half)
-        whole = np.exp(1j * self.root)
-        first = np.exp(1j * self.root * (1 - fraction)) / (1 - back * whole)
-        second = np.exp(1j * self.root * fraction) / (whole - back)
-        return (2j * self.weight / self.root) * back * (first - second)
+        whole = np.exp(turn)
+        first = np.exp(turn * (1 - fraction))
+        first = first / (1 - back * whole)
+        second = np.exp(turn * fraction)
+        second = second / (whole - back)
+        scale = 2j * self.weight / self.root
+        return scale * back * (first - second)
 
 
 def _partial_fractions(device: Device, period: float) -> list[_PartialFraction]:
@@ -110,22 +114,28 @@ def _partial_fractions(device: Device, period: float) -> list[_PartialFraction]:
         return []
     denominators = []
     for mode in modes:
-        beta = float(mode.damping) * period / float(mode.mass)
-        kappa = float(mode.stiffness) * period**2 / float(mode.mass)
-        denominators.append(Polynomial([kappa**2, beta**2 - 2 * kappa, 1.0]))
+        mass = float(mode.mass)
+        beta = float(mode.damping) * period / mass
+        kappa = float(mode.stiffness) * period**2 / mass
+        middle = beta**2 - 2 * kappa
+        denominators.append(Polynomial([kappa**2, middle, 1.0]))
     one = Polynomial([1.0])
     top = math.prod(denominators, start=one)
     bottom = float(_damping_at_dc(device)) * top
     for index, mode in enumerate(modes):
-        others = math.prod(denominators[:index] + denominators[index + 1 :], start=one)
-        bottom = bottom + Polynomial([0.0, 0.0, float(mode.damping)]) * others
+        others = denominators[:index] + denominators[index + 1 :]
+        dissipated = Polynomial([0.0, 0.0, float(mode.damping)])
+        bottom = bottom + math.prod(others, start=dissipated)
     slope = bottom.deriv()
     parts = []
     for pole in bottom.roots():
         residue = top(pole) / slope(pole)
-        if pole and residue:
-            root = np.sqrt(complex(pole))
-            parts.append(_PartialFraction(root if root.imag > 0 else -root, residue / pole))
+        if not pole or not residue:
+            continue
+        root = np.sqrt(complex(pole))
+        if root.imag <= 0:
+            root = -root
+        parts.append(_PartialFraction(root, residue / pole))
     return parts
 
 
@@ -136,9 +146,12 @@ def _of_table(grid: Warp, device: TabulatedDevice, fraction: float) -> Aliases:
     to it is summed.
     """
     half = np.maximum(grid.half, _NEAR_DC)
-    beyond = 0.0 if device.floor is None else 1 / device.floor
-    own = _inverse_dissipation(device, 2 * grid.half / grid.period, beyond)
-    last = int(np.ceil(device.omega[-1] * grid.period / (2 * np.pi))) + 1
+    beyond = 0.0
+    if device.floor is not None:
+        beyond = 1 / device.floor
+    at_omega = _inverse_dissipation(device, 2 * grid.half / grid.period, beyond)
+    turns = device.omega[-1] * grid.period / (2 * np.pi)
+    last = int(np.ceil(turns)) + 1
     rest = np.zeros(half.shape)
     late_rest = np.zeros(half.shape, dtype=np.complex128)
     for k in range(-last, last + 1):
@@ -152,9 +165,12 @@ def _of_table(grid: Warp, device: TabulatedDevice, fraction: float) -> Aliases:
     # The floor at all aliases but ω itself, less the constant there.
     turned = _turn(half, fraction)
     direct = np.exp(-2j * fraction * half)
-    rest += (beyond - own) * (1 / np.sin(half) ** 2 - 1 / half**2)
-    late_rest += (beyond - own) * (turned / np.sin(half) ** 2 - direct / half**2)
-    return Aliases(own, _turn(grid.half, fraction), rest, late_rest)
+    of_all = 1 / np.sin(half) ** 2
+    of_omega = 1 / half**2
+    more = beyond - at_omega
+    rest += more * (of_all - of_omega)
+    late_rest += more * (turned * of_all - direct * of_omega)
+    return Aliases(at_omega, _turn(grid.half, fraction), rest, late_rest)
 
 
 def _inverse_dissipation(device: TabulatedDevice, omega: FloatArray, beyond: float) -> FloatArray:
@@ -186,5 +202,6 @@ def alias_features(loop: Loop) -> FloatArray:
         for part in _partial_fractions(device, loop.period):
             around = part.root.real + part.root.imag * offsets
             angles = np.concatenate([angles, around])
-    folded = np.abs(np.remainder(angles + np.pi, 2 * np.pi) - np.pi)
+    turned = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
+    folded = np.abs(turned)
     return np.unique(folded) / loop.period

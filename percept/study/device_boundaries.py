@@ -52,8 +52,10 @@ class _Curves:
     def limits(self, score: float) -> Array:
         """Return the log limits (2, M) at a score."""
         ends = [-score, score]
-        rows = zip(self.scores, self.logs, strict=True)
-        return np.array([np.interp(ends, scores, logs) for scores, logs in rows]).T
+        limits = []
+        for scores, logs in zip(self.scores, self.logs, strict=True):
+            limits.append(np.interp(ends, scores, logs))
+        return np.array(limits).T
 
     def score_that_holds(self, level: float) -> float:
         """Return the score of the limits that hold whole curves with a probability."""
@@ -86,8 +88,9 @@ class DeviceCurves:
         self._at_point = []
         self._on_devices = []
         for part in (slice(None), *parts):
-            self._at_point.append(_Curves.of(at_point[:, part], probability[part]))
-            self._on_devices.append(_Curves.of(on_devices[:, part], probability[part]))
+            of_part = probability[part]
+            self._at_point.append(_Curves.of(at_point[:, part], of_part))
+            self._on_devices.append(_Curves.of(on_devices[:, part], of_part))
 
     def widening(self, level: float) -> float:
         """Return by how much the score grows whose limits hold whole curves."""
@@ -120,19 +123,25 @@ class DeviceCurves:
                 shift = on_devices.limits(score + widening) - at_point.limits(score)
             shifts.append(np.where(np.isfinite(shift), shift, 0.0))
         lower, upper = np.exp(shifts[0])
-        shift_errors = np.std(shifts[1:], axis=0, ddof=1) / np.sqrt(_BATCHES)
+        scatter = np.std(shifts[1:], axis=0, ddof=1)
         assert limits.errors is not None
         averaged = MagnitudeLimits(
-            limits.lower * lower, limits.upper * upper, np.hypot(limits.errors, shift_errors)
+            limits.lower * lower,
+            limits.upper * upper,
+            np.hypot(limits.errors, scatter / np.sqrt(_BATCHES)),
         )
         share = self._share(limits, averaged)
         return dataclasses.replace(averaged, device_share=share)
 
     def _share(self, at_point: MagnitudeLimits, averaged: MagnitudeLimits) -> float:
         """Return the share of the squared log width that the device makes."""
-        wide = np.isfinite(averaged.upper) & (averaged.upper > averaged.lower)
+        wide = np.isfinite(averaged.upper)
+        wide &= averaged.upper > averaged.lower
         before = np.log(at_point.upper[wide] / at_point.lower[wide])
         after = np.log(averaged.upper[wide] / averaged.lower[wide])
         share = 1.0 - (before / after) ** 2
-        lengths = np.gradient(np.log(self._omega[wide])) if share.size > 1 else np.ones(1)
-        return float(np.clip(np.average(share, weights=lengths), 0.0, 1.0))
+        lengths = np.ones(share.size)
+        if share.size > 1:
+            lengths = np.gradient(np.log(self._omega[wide]))
+        mean = np.average(share, weights=lengths)
+        return float(np.clip(mean, 0.0, 1.0))
