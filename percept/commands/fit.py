@@ -61,7 +61,6 @@ refused or has no Bayesian numbers.
 def _fit(arguments: argparse.Namespace) -> int:
     """Write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
     from percept.files import FolderFiles, filled_folder
-    from percept.study.posterior import netcdf
 
     with Working("fitting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
@@ -70,8 +69,9 @@ def _fit(arguments: argparse.Namespace) -> int:
         ) as into:
             results = study.results(curves=False, progress=progress.stage)
             (into / "fit.json").write_text(results.to_json(), encoding="utf-8")
-            if study.posterior is not None:
-                (into / "posterior.nc").write_bytes(netcdf(study.posterior))
+            draws = study.posterior_file()
+            if draws is not None:
+                (into / "posterior.nc").write_bytes(draws)
         path = Path(arguments.out) / "fit.json"
     if arguments.json:
         print(path.read_text(encoding="utf-8"))

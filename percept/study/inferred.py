@@ -209,11 +209,20 @@ class Inferred:
     @cached_property
     def posterior(self) -> DataTree | None:
         """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
-        if self.passed is None:
+        file = self.posterior_file()
+        if file is None:
             return None
         from percept.study.posterior import posterior_tree
 
-        return posterior_tree(self.passed, seed=self.data.asked.seed)
+        return posterior_tree(file)
+
+    def posterior_file(self) -> bytes | None:
+        """Return `posterior` as a netCDF file; None unless the fit passed."""
+        if self.passed is None:
+            return None
+        from percept.study.posterior import netcdf
+
+        return netcdf(self.passed, seed=self.data.asked.seed)
 
     @cached_property
     def checks(self) -> Checks | None:

@@ -8,15 +8,18 @@ chains, one per ensemble of the sampler, and draws.
 
 from __future__ import annotations
 
+import io
 import math
 import tomllib
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import h5netcdf
+import h5py
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 import percept
 from percept.inference.checks.predictive import new_studies
@@ -43,6 +46,9 @@ _PRIOR_DRAWS = 1000
 #: Written for "/" in names of variables: a DataTree would read a path.
 _SLASH = "\N{DIVISION SLASH}"
 
+#: Entries of dimensions, by the name of the coordinate: its dimension, and texts.
+Labels = dict[str, tuple[str, Sequence[str]]]
+
 _NAMES = resources.files("percept.study").joinpath("posterior.toml")
 
 
@@ -52,17 +58,19 @@ def variables_of_posterior() -> dict[str, dict[str, str]]:
     return tomllib.loads(_NAMES.read_text(encoding="utf-8"))
 
 
-def netcdf(tree: DataTree) -> bytes:
-    """Return a tree as a netCDF file.
+def posterior_tree(file: bytes) -> DataTree:
+    """Read the file that `netcdf` made, as other programs do."""
+    # Slow to import, and of no use to a study that is only saved.
+    import xarray
+
+    return xarray.open_datatree(io.BytesIO(file), engine="h5netcdf").load()
+
+
+def netcdf(fit: Fit, *, seed: int) -> bytes:
+    """Collect draws and data in a netCDF file, one chain per ensemble.
 
     It is put together in memory: where HDF5 itself runs into a full disk, closing its file ends the
-    process.
-    """
-    return bytes(tree.to_netcdf(engine="h5netcdf"))
-
-
-def posterior_tree(fit: Fit, *, seed: int) -> DataTree:
-    """Collect draws and data, one chain per ensemble.
+    process. Written by xarray it takes four times as long: that imports dask and pint.
 
     Parameters
     ----------
@@ -73,43 +81,58 @@ def posterior_tree(fit: Fit, *, seed: int) -> DataTree:
 
     Returns
     -------
-    DataTree
+    bytes
         Groups posterior, posterior_predictive and sample_stats. One model of all quantities, fitted
         to sessions, has log_likelihood, observed_data and prior too. `variables_of_posterior` says
-        what they hold.
+        what they hold. Equal posteriors are equal files.
     """
-    # Slow to import, and of no use to a study that nobody saves.
-    import arviz_base
-    from xarray import DataTree
+    buffer = io.BytesIO()
+    labels = _labels(fit)
+    with h5netcdf.File(buffer, "w") as file:
+        for name, variables in _groups(fit, seed).items():
+            group = file.create_group(name)
+            group.attrs.update(_about(fit))
+            # Draws from the prior are one chain.
+            chains = 1 if name == "prior" else len(fit.run.points)
+            for variable, (dimensions, draws) in variables.items():
+                along = [_without_slashes(dimension) for dimension in dimensions]
+                # The data are one draw of themselves.
+                values = draws[0]
+                if name != "observed_data":
+                    values = draws.reshape(chains, -1, *draws.shape[1:])
+                    along = ["chain", "draw", *along]
+                _add_variable(group, variable, along, values, labels)
+            _add_labels(group, labels)
+    return buffer.getvalue()
 
-    datasets = {}
-    coordinates = _labels(fit)
-    for group, named in _groups(fit, seed).items():
-        values: dict[Hashable, Array] = {}
-        dimensions: dict[Hashable, Sequence[Hashable]] = {}
-        for name, (own_dimensions, draws) in named.items():
-            key = _without_slashes(name)
-            # The data are one draw of themselves.
-            chains = 1 if group == "prior" else len(fit.run.points)
-            shape = (chains, -1, *draws.shape[1:])
-            values[key] = draws[0] if group == "observed_data" else draws.reshape(shape)
-            dimensions[key] = [_without_slashes(dimension) for dimension in own_dimensions]
-        sampled = [] if group == "observed_data" else ["chain", "draw"]
-        dataset = arviz_base.dict_to_dataset(
-            values, dims=dimensions, coords=coordinates, sample_dims=sampled
-        )
-        # In place of ArviZ's: without the time, equal posteriors are equal files.
-        dataset.attrs = _about(fit)
-        for name in named:
-            dataset[_without_slashes(name)].attrs = _attributes(name)
-        datasets[group] = dataset.assign_coords(
-            {
-                name: (dimension, labels)
-                for name, (dimension, labels) in _further_labels(fit).items()
-                if dimension in dataset.sizes
-            }
-        )
-    return DataTree.from_dict(datasets)
+
+def _add_variable(
+    group: Any, name: str, dimensions: Sequence[str], values: Array, labels: Labels
+) -> None:
+    """Add a variable to a group, and what it names of dimensions that the group does not have."""
+    for dimension, size in zip(dimensions, values.shape, strict=True):
+        group.dimensions.setdefault(dimension, size)
+    missing = values.dtype.type(np.nan)
+    variable = group.create_variable(
+        _without_slashes(name), dimensions, data=values, fillvalue=missing
+    )
+    variable.attrs.update(_attributes(name))
+    further = [
+        label for label, (along, _) in labels.items() if along in dimensions and along != label
+    ]
+    if further:
+        variable.attrs["coordinates"] = " ".join(further)
+
+
+def _add_labels(group: Any, labels: Labels) -> None:
+    """Label the entries of a group's dimensions: by texts, or by numbers."""
+    for name, (dimension, texts) in labels.items():
+        if dimension in group.dimensions:
+            values = np.array(texts, dtype=h5py.string_dtype())
+            group.create_variable(name, (dimension,), data=values)
+    for dimension, known in group.dimensions.items():
+        if dimension not in group.variables:
+            group.create_variable(dimension, (dimension,), data=np.arange(known.size))
 
 
 def _groups(fit: Fit, seed: int) -> dict[str, Named]:
@@ -220,20 +243,17 @@ def _about(fit: Fit) -> dict[str, str]:
     }
 
 
-def _labels(fit: Fit) -> dict[Hashable, ArrayLike]:
-    """Name the entries of dimensions."""
-    return {
-        "parameter": fit.parameters,
-        "environment": fit.environments,
-        "subject": list(fit.trials.subjects) if fit.trials else [],
-        "cell": [f"{p} in {e}" for p, e in fit.model.cells],
-    }
-
-
-def _further_labels(fit: Fit) -> dict[str, tuple[str, list[str]]]:
-    """Give further labels of dimensions: units, and where an observation was made."""
+def _labels(fit: Fit) -> Labels:
+    """Name the entries of dimensions, and give units and where an observation was made."""
     units = [fit.data.quantities[name].unit for name in fit.parameters]
-    labels = {"unit": ("parameter", units)}
+    labels: Labels = {
+        "parameter": ("parameter", fit.parameters),
+        "unit": ("parameter", units),
+        "environment": ("environment", fit.environments),
+        "cell": ("cell", [f"{p} in {e}" for p, e in fit.model.cells]),
+    }
+    if fit.trials:
+        labels["subject"] = ("subject", fit.trials.subjects)
     if isinstance(fit.subjects, SubjectDensity):
         # Observations stand in the order of the statistics, as `_observations` takes them.
         statistics = fit.subjects.density.statistics

@@ -252,7 +252,7 @@ class Study(Displayed):
         with report_folder(directory, formats=formats, force=force) as folder:
             made = self.results(why=why, progress=progress, beside=beside)
             options |= {"formats": formats, "beside": beside}
-            fill_report(folder, made, posterior=self._posterior_file, **options)
+            fill_report(folder, made, posterior=self.posterior_file, **options)
         return Path(directory) / "report.html"
 
     def decide(self, **options: Any) -> tuple[str, ...]:
@@ -272,12 +272,6 @@ class Study(Displayed):
                 "there is no coupling.", hint="Give the scene a [device] and a [coupling]."
             )
         return self.coupling_row
-
-    def _posterior_file(self) -> bytes | None:
-        """Return the posterior as netCDF; None without one."""
-        from percept.study.posterior import netcdf
-
-        return None if self.posterior is None else netcdf(self.posterior)
 
     # Every plot draws on the matplotlib axes `ax`, or on a new figure without them, and returns the
     # axes. It raises UsageError for a name that the study does not have, RefusalError where there

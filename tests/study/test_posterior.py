@@ -15,7 +15,7 @@ from percept import Sessions, Study
 from percept.inference.checks.predictive import leave_one_out
 from percept.scene import Scene
 from percept.sessions.options import ReadOptions
-from percept.study.posterior import netcdf, variables_of_posterior
+from percept.study.posterior import variables_of_posterior
 from tests.study.within import frame, study
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -24,7 +24,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 @pytest.fixture(scope="module")
 def opened(fitted, tmp_path_factory):
     path = tmp_path_factory.mktemp("posterior") / "posterior.nc"
-    path.write_bytes(netcdf(fitted.posterior))
+    path.write_bytes(fitted.posterior_file())
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         yield tree
 
@@ -116,7 +116,7 @@ def test_a_slash_in_a_factors_name_is_no_path(tmp_path):
     )
     options = ReadOptions.from_mapping(dict(scene))
     path = tmp_path / "posterior.nc"
-    path.write_bytes(netcdf(Study(Sessions.from_frame(table, scene=options), scene).posterior))
+    path.write_bytes(Study(Sessions.from_frame(table, scene=options), scene).posterior_file())
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         variable = tree["posterior"].data_vars["psi:left\N{DIVISION SLASH}right"]
         assert variable.attrs["long_name"] == "differences of levels in log sigma, left/right"
