@@ -52,14 +52,20 @@ def _csv(records: Sequence[Any]) -> str:
     rows = [dict(_flat(dataclasses.asdict(record))) for record in records]
     heads = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
-    writer = csv.DictWriter(text, heads, lineterminator="\n")
-    writer.writeheader()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(heads)
     for row in rows:
-        curves = {name: one.tolist() for name, one in row.items() if isinstance(one, np.ndarray)}
-        cells = {name: _cell(one) for name, one in row.items() if name not in curves}
-        for point in list(zip(*curves.values(), strict=True)) or [()]:
-            writer.writerow(cells | dict(zip(curves, map(_cell, point), strict=True)))
+        lengths = {len(one) for one in row.values() if isinstance(one, np.ndarray)}
+        columns = [_column(row.get(name), max(lengths, default=1)) for name in heads]
+        writer.writerows(zip(*columns, strict=True))
     return text.getvalue()
+
+
+def _column(value: object, length: int) -> list[object]:
+    """Write a curve, or one value as often as a curve beside it has points."""
+    if isinstance(value, np.ndarray):
+        return [None if math.isnan(one) else one for one in value.tolist()]
+    return [_cell(value)] * length
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
