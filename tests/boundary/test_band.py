@@ -20,11 +20,9 @@ WHOSE = BandOwner(method="bayesian", family="normal")
 TRUE = {"weber": (0.12,), "offset": (0.8, 0.1), "power": (0.5, 0.8)}
 
 
-def simulated(law: str, count: int, seed: int = 1) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return law_band(law, np.array([TRUE[law]]), Z) * np.exp(
-        0.1 * rng.standard_normal((count, Z.size))
-    )
+def simulated(law: str, count: int, seed: int = 1, sizes: np.ndarray = Z) -> np.ndarray:
+    scatter = np.random.default_rng(seed).standard_normal((count, sizes.size))
+    return law_band(law, np.array([TRUE[law]]), sizes) * np.exp(0.1 * scatter)
 
 
 def laws_of(impedance: np.ndarray, draws: np.ndarray) -> dict[str, BandLaw]:
@@ -140,14 +138,8 @@ def test_statements_of_absolute_and_relative_width() -> None:
     assert [one.probability for one in found] == [0.75, 0.25, 0.75]
 
 
-def noisy(law: str, impedance: np.ndarray, count: int = 40) -> np.ndarray:
-    rng = np.random.default_rng(5)
-    true = law_band(law, np.array([TRUE[law]]), impedance)
-    return true * np.exp(0.05 * rng.standard_normal((count, impedance.size)))
-
-
 def test_the_law_that_is_clearly_ahead_is_named() -> None:
-    laws = laws_of(Z4, noisy("power", Z4))
+    laws = laws_of(10.0 * Z4, simulated("power", 40, 5, 10.0 * Z4))
     assert laws["power"].sentence.endswith("; it is ahead of both other laws.")
     for behind in (laws["weber"], laws["offset"]):
         assert behind.sentence.endswith("; another law does better.")

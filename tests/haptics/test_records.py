@@ -24,16 +24,10 @@ from percept.haptics.perceived import perceived_magnitude
             lambda: Device(mass=-1.0, damping=5.0),
             r"value -1\.0: Device mass must not be negative\. Give it in kg",
         ),
-        (lambda: Device(mass=1.0, damping=-5.0), r"Device damping must not be negative"),
-        (
-            lambda: Environment(stiffness=-1.0, damping=0.0),
-            r"Environment stiffness must not be negative.*N/m",
-        ),
         (
             lambda: Environment(stiffness=[1.0, -2.0], damping=0.0),
             r"value -2\.0: Environment stiffness",
         ),
-        (lambda: Coupling(stiffness=1.0, damping=-0.5), r"Coupling damping must not be negative"),
         (
             lambda: Coupling(stiffness=np.nan, damping=0.5),
             r"value nan: Coupling stiffness must be finite",
@@ -68,9 +62,7 @@ def test_records_refuse(make, message):
         ([1.0], [1.0], "two or more"),
         ([1.0, 2.0], [1.0], "equal length"),
         ([1.0, 1.0], [1.0, 2.0], r"value 1\.0: TabulatedDevice omega must increase"),
-        ([1.0, 3.0, 2.0], [1.0, 2.0, 3.0], r"value 2\.0: TabulatedDevice omega must increase"),
         ([1.0, 2.0], [1.0, np.nan], "impedance must be finite"),
-        ([1.0, 2.0], [1.0, np.inf], "impedance must be finite"),
         ([1.0, 2.0], ["a", "b"], "impedance must be complex numbers"),
         ([1.0, 2.0], [[1.0, 2.0], [3.0]], "impedance has rows of unequal length"),
         ([1.0, 2.0], np.ma.masked_array([1.0, 2.0], mask=[0, 1]), "impedance has masked elements"),
