@@ -34,7 +34,7 @@ NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i", "k_
 
 
 @REDUCED
-@settings(max_examples=500 if LONG else 15, deadline=None)
+@settings(max_examples=500 if LONG else 8, deadline=None)
 @given(
     log_period=st.floats(-6, 0),
     share=st.one_of(st.just(1.0), st.floats(0, 1), st.floats(-15, -1e-3).map(lambda e: 10**e)),
