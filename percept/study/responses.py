@@ -227,7 +227,7 @@ def refuse_no_ratio(
             )
 
 
-def resolution_of(trials: Trials, scene: Scene) -> Resolution:
+def resolution_of(trials: Trials, scene: Scene) -> Resolution | None:
     """Step²/12 on the response scale, in cells whose scatter the step hides; or refuse those."""
     from percept.inference.model.model import Resolution
 
@@ -235,7 +235,7 @@ def resolution_of(trials: Trials, scene: Scene) -> Resolution:
     statistics = trials.statistics
     between, trial = lacking_scatter(statistics, steps, scene.quantities)
     if not (between.any() or trial.any()):
-        return Resolution()
+        return None
     unit = trials.scale.unit.reshape(trials.reference.shape)
     if trials.scale.log:
         unit = trials.reference * np.exp(np.nanmean(statistics.cell_means, axis=0))

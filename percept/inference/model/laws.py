@@ -18,7 +18,6 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from percept.inference.model.rows import Rows
 from percept.inference.model.scales import CellScales
@@ -207,35 +206,13 @@ class LinearLaw(Law):
 
     def user_columns(self, weights: Array) -> Array:
         """Columns (W, L, K) of the same combinations of one user about the locations'."""
-        of_cells = self._of_cells(weights)
+        size = self._rows.size
+        cells = self._rows.cells
+        of_cells = weights[:, : size * cells].reshape(-1, size, cells)
         columns = [np.einsum("lpc,qpcw->wlq", of_cells, self._scales.effects)]
         for parts in self._scales.between.factor_columns():
             columns.append(np.einsum("lpc,pcw->wlc", of_cells, np.stack(parts)))
         return np.concatenate(columns, axis=2)
-
-    def user_sd(self, weights: Array) -> Array:
-        """SDs (W, L) of the same combinations of one user about the locations'."""
-        of_cells = self._of_cells(weights)
-        width = self._scales.tau.shape[-1]
-        # Most combinations are of few cells.
-        flat = sparse.csr_array(of_cells.reshape(len(weights), -1))
-        variance = np.zeros((len(weights), width))
-        for column in self._scales.effects:
-            variance += (flat @ column.reshape(-1, width)) ** 2
-        first = of_cells[:, 0]
-        last = of_cells[:, -1]
-        products = [first * first]
-        if self._rows.size == 2:
-            products += [2.0 * first * last, last * last]
-        by_entry = sparse.csr_array(np.concatenate(products, axis=1))
-        variance += by_entry @ np.concatenate(self._scales.between.entries())
-        return np.sqrt(variance).T
-
-    def _of_cells(self, weights: Array) -> Array:
-        """Weights (L, P, C) of the cells among those (L, R) of all locations."""
-        size = self._rows.size
-        cells = self._rows.cells
-        return weights[:, : size * cells].reshape(-1, size, cells)
 
 
 class IndependentLaw(Law):
@@ -285,8 +262,3 @@ class JointLaw(Law):
         """Columns (W, L, K) of the same combinations of one user."""
         parts = [law.user_columns(own) for law, own in self._shares(weights)]
         return np.concatenate(parts, axis=2)
-
-    def user_sd(self, weights: Array) -> Array:
-        """SDs (W, L) of the same combinations of one user."""
-        parts = [law.user_sd(own) for law, own in self._shares(weights)]
-        return np.sqrt(np.square(parts).sum(axis=0))

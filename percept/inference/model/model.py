@@ -44,8 +44,8 @@ Indices = NDArray[np.intp]
 class Resolution:
     """Variance that a finite resolution of the adjustment adds, on the response scale."""
 
-    between: Array | None = None  # (P, C)
-    trial: Array | None = None  # (P, C)
+    between: Array  # (P, C)
+    trial: Array  # (P, C)
 
 
 class Model(ABC):
@@ -169,7 +169,7 @@ class LinearModel(Model):
         self.statistics = statistics
         self.design = design
         self.priors = priors or Priors()
-        self.resolution = resolution or Resolution()
+        self.resolution = resolution
         self.cells = tuple(itertools.product(statistics.parameters, design.cells.names))
         self.coordinates = Coordinates(statistics, design, self.priors)
         self.names = self.coordinates.names
@@ -224,7 +224,7 @@ class LinearModel(Model):
             dataclasses.astuple(self.statistics),
             self.design.identity(),
             dataclasses.astuple(self.priors),
-            dataclasses.astuple(self.resolution),
+            self.resolution and dataclasses.astuple(self.resolution),
         )
 
     @property
@@ -288,14 +288,12 @@ class LinearModel(Model):
 
     def with_resolution(self, scales: CellScales) -> CellScales:
         """Scales of the adjustments as recorded: their resolution adds variance."""
-        if self.resolution.between is None and self.resolution.trial is None:
+        if self.resolution is None:
             return scales
-        between = scales.between
+        every_draw = self.resolution.between[..., None]
+        between = scales.between.plus_diagonal(tuple(every_draw))
         trial = scales.trial
-        if self.resolution.between is not None:
-            every_draw = self.resolution.between[..., None]
-            between = between.plus_diagonal(tuple(every_draw))
-        if trial is not None and self.resolution.trial is not None:
+        if trial is not None:
             by_group = self.resolution.trial[:, self.statistics.scatter.cell, None]
             trial = trial.plus_diagonal(tuple(by_group))
         return dataclasses.replace(scales, between=between, trial=trial)

@@ -146,10 +146,6 @@ class OneRow:
         numbers = max((effects + len(self._fixed_and_mean)) * rows, self._contrasts.size)
         return min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)
 
-    def _own_sd(self, scales: CellScales) -> Array:
-        """SDs of the own deviations of each column, (a, W)."""
-        return scales.tau.reshape(len(self._own), scales.tau.shape[-1])
-
     def _noise(self, scales: CellScales) -> Block:
         """D, entries (C, W)."""
         if scales.trial is None:
@@ -174,7 +170,7 @@ class OneRow:
         effects: Array,
     ) -> tuple[Array, Array]:
         """Whitened columns (K + 1, P C, W), and log det of their noise (W,): a cell is a block."""
-        variances = np.einsum("apc,aw->pcw", self._own**2, self._own_sd(scales) ** 2)
+        variances = np.einsum("apc,aw->pcw", self._own**2, scales.tau**2)
         covariance = noise.scaled(1.0 / self._subjects).plus_diagonal(tuple(variances))
         rows = _whitened(covariance, effects, self._fixed_and_mean)
         return rows.reshape(len(rows), -1, rows.shape[-1]), covariance.log_determinant().sum(axis=0)
@@ -187,7 +183,7 @@ class OneRow:
     ) -> _Regressed:
         """Columns regressed on own deviations, environment by environment."""
         of_mean = noise.scaled(1.0 / self._subjects)
-        columns = self._own[..., None] * self._own_sd(scales)[:, None, None]
+        columns = self._own[..., None] * scales.tau[:, None, None]
         nothing = np.zeros((0, *self._own.shape[1:]))
         own = self._by_environment(_whitened(of_mean, columns, nothing))
         others = self._by_environment(_whitened(of_mean, effects, self._fixed_and_mean))

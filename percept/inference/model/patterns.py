@@ -123,9 +123,9 @@ class _Solution:
         self._noise = noise
         self._effects = rows.effects(scales)
         #: SDs of own deviations by column, (a, W), and of all of them, (a J, W).
-        self._own_sd = rows.own_sd(scales.tau)
-        self._deviation_sd = np.repeat(self._own_sd, rows.environments, axis=0)
-        self._width = self._own_sd.shape[-1]
+        self._tau = scales.tau
+        self._deviation_sd = np.repeat(scales.tau, rows.environments, axis=0)
+        self._width = scales.tau.shape[-1]
         self._own_first = len(self._effects) * rows.patterns < rows.deviations
         # Draws that lose all digits may become NaN here.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -204,9 +204,9 @@ class _Solution:
         by_rest = flat.reshape(own, rest + 1, rows.environments, self._width)
         of_rest = rows.rest_by_rest @ precision
         # Columns of the rest carry their SDs already.
-        sd = self._own_sd[:, None, None]
+        sd = self._tau[:, None, None]
         by_own *= sd
-        by_own *= self._own_sd[:, None]
+        by_own *= self._tau[:, None]
         by_rest *= sd
         return by_own, by_rest, of_rest.reshape(rest, rest + 1, self._width)
 

@@ -147,8 +147,7 @@ def _new_laws(
     size, cells = design.cells.x.shape
     on_line = model.law(points).joint(_location_rows(model, design))
     deviation = columns_by_quantity(design.deviation, size, cells)
-    own_sd = model.rows.own_sd(scales.cells.tau)
-    variance = np.einsum("apc,aw->wcp", deviation**2, own_sd**2)
+    variance = np.einsum("apc,aw->wcp", deviation**2, scales.cells.tau**2)
     location = on_line.location
     quantity = np.arange(size)
     location[..., quantity, quantity] += variance

@@ -87,20 +87,17 @@ class Rows:
         if statistics.covariates is not None:
             slopes = self.size * len(statistics.covariates.names)
         self.locations = self.size * self.cells + slopes + len(self.fixed)
+        # Each step reads what those before it have set.
         self._set_units(statistics)
         self._set_kinds(statistics.scatter)
         self._set_basis(slopes, covariate_sd)
         self._set_columns(covariate_sd)
-        self._set_products()
-
-    def own_sd(self, tau: Array) -> Array:
-        """SDs (a, W) of own deviations, in the order of their columns, from (o, P, W)."""
-        return tau.reshape(len(self.own), tau.shape[-1])
+        self._set_products_of_latents()
+        self._set_products_of_effects()
 
     def latent_sd(self, tau: Array) -> Array:
         """SDs of own deviations, and ones for the rest, whose columns hold them: (a J + r, W)."""
-        of_columns = self.own_sd(tau)
-        own = np.repeat(of_columns, self.environments, axis=0)
+        own = np.repeat(tau, self.environments, axis=0)
         _, latents = self.basis.shape
         rest = np.ones((latents - self.deviations, tau.shape[-1]))
         return np.concatenate([own, rest])
@@ -227,8 +224,8 @@ class Rows:
         apart = columns[:, None] * inside[:, None]
         return apart.reshape(-1, *columns.shape[1:])
 
-    def _set_products(self) -> None:
-        """Sum products of columns over the units of each kind, the data last."""
+    def _set_products_of_latents(self) -> None:
+        """Sum products of the latents' columns over the units of each kind, the data last."""
         kinds = len(self.means_of_kind)
         environment_of_kind = self.environment[self._cell_of_kind]
         rest = np.concatenate([self._rest, self.data[None]])
@@ -237,6 +234,10 @@ class Rows:
         self.own_by_own = self._products(self._own_units, self._own_units, environment_of_kind)
         self.own_by_rest = self._products(self._own_units, rest, environment_of_kind)
         self.rest_by_rest = self._products(self._rest, rest, everywhere)
+
+    def _set_products_of_effects(self) -> None:
+        """Sum products of multipliers, and of these with columns, by pattern and kind."""
+        kinds = len(self.means_of_kind)
         #: By pairs of multipliers, sums over the units of a pattern and kind, (G, kinds).
         self.effects_by_effects = {}
         place = self.pattern * kinds + self.kind

@@ -51,7 +51,7 @@ _OF_FACTOR = {"sigma": "sigma_v", "rho": "rho_v", "tau": "tau"}
 class CellScales:
     """All that the laws of the locations depend on, at W sets of coordinates.
 
-    There are T groups of trials, q columns of a subject's effects, and o columns of the
+    There are T groups of trials, q columns of a subject's effects, and a columns of the
     environments' own deviations.
     """
 
@@ -61,7 +61,7 @@ class CellScales:
     effects: Array  # (q, P, C, W) Columns Z: what a unit of each subject's effect adds to a cell
     sizes: list[Array]  # (P, K, W) Coefficients of each effect size term, over their prior SD
     slopes: list[Block]  # (W,) Of subjects' own slopes of covariates over the quantities
-    tau: Array  # (o, P, W) SDs of the environments' own deviations, one for each column
+    tau: Array  # (a, W) SDs of the environments' own deviations, one for each column
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -279,7 +279,7 @@ class Coordinates:
             trial = _covariance(of_groups, "rho_e", named, rests)
         taus = []
         for term in self._design.deviation:
-            # A term may have several columns.
+            # A term may have several columns, each once for every quantity.
             taus += [named[_name_of("tau", term)]] * len(term.columns)
         sizes = [named[f"eta:{t.name}"] / self._priors.psi_sd for t in self._design.effect_size]
         covariances = []
@@ -299,7 +299,7 @@ class Coordinates:
             effects=np.reshape(effects, (len(effects), *shape)),
             sizes=sizes,
             slopes=slopes,
-            tau=np.reshape(taus, (len(taus), self._design.parameters, width)),
+            tau=np.reshape(taus, (len(taus) * self._design.parameters, width)),
         )
 
     def _by_quantity(self, name: str, coordinates: Array) -> Array:
