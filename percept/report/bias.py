@@ -20,7 +20,6 @@ from percept.report.basics import (
     unwidened,
 )
 from percept.report.contrast import contrast
-from percept.report.overview import setting_sentences
 from percept.report.sections import (
     NOTHING,
     Cell,
@@ -61,7 +60,6 @@ def bias(results: Results) -> Section:
     return Section(
         "bias",
         f"What {words.users} {words.verb}{off}",
-        setting_sentences(results),
         parts=[contrast(results), _intervals(results), _psychophysics(results), _jnd(results)],
         is_folded=True,
     )

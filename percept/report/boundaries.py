@@ -154,9 +154,7 @@ def boundaries(results: Results) -> Section:
     if records:
         sentences.append(
             "A realistic performance boundary holds the |Z_h| at the handle that"
-            f" {words.users} take for the reference, over ω. The term and the equations are of"
-            " “The effect of static virtual couplings on realistic performance of haptic"
-            " systems”."
+            f" {words.users} take for the reference, over ω."
         )
         sentences.append(drawn_said(results))
     pointwise = matching(records, shape="pointwise")

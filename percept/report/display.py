@@ -136,10 +136,13 @@ def _verdicts(results: Results) -> Section:
         f" {words.users} at every ω: |Z_h|, effective stiffness and effective damping. At a"
         f" probability of {percent(first.decision)} or more it does, and at"
         f" {percent(1.0 - first.decision)} or less it does not.",
-        f"Wide limits of few {words.subjects} are no evidence: with fewer than"
-        f" {FEWEST_FOR_MAGNITUDE} |Z_h| alone never says “does not”.",
         *paper_rule(results),
     ]
+    if first.subjects < FEWEST_FOR_MAGNITUDE:
+        sentences.append(
+            f"Wide limits of few {words.subjects} are no evidence: with fewer than"
+            f" {FEWEST_FOR_MAGNITUDE} |Z_h| alone never says “does not”."
+        )
     if results.data.form == "summary":
         sentences.append("Published limits hold no correlation: k and b vary independently here.")
     title = "Does what is displayed lie among what users set?"

@@ -58,7 +58,7 @@ def methods(results: Results, paragraph: str) -> Section:
         numbered.append(f"[{rank}] {reference.text}" + (f" doi:{doi}" if doi else ""))
     return Section(
         "methods",
-        "Results and methods, ready to paste",
+        "Results and methods",
         parts=[
             Section("results", "Results", [paragraph] if paragraph else [], form="paste"),
             Section("paragraph", "Methods", methods_paragraph(results), form="paste"),
