@@ -144,14 +144,14 @@ def _other_units(table: pd.DataFrame, adj: str, ref: str) -> Iterator[tuple[int,
         medians = np.exp(ratios.groupby(both[column], sort=False).median())
         factors = np.maximum(medians / ratio, ratio / medians)
         off = medians[(factors > _THOUSAND / _ABOUT) & (factors < _THOUSAND * _ABOUT)]
-        for name, own in off.items():
+        for name, median in off.items():
             where = "this file" if column == "file" else f"subject {shown([str(name)])}"
             text = (
-                f"{adj} is {own:.3g} times {ref} at the median of {where}, and"
+                f"{adj} is {median:.3g} times {ref} at the median of {where}, and"
                 f" {ratio:.3g} times over all {column}s: the units of the {column} seem to differ"
                 " by a thousand."
             )
-            yield int(both.index[both[column] == name][0]), own, text
+            yield int(both.index[both[column] == name][0]), median, text
         if len(off):
             return
 
@@ -219,8 +219,8 @@ def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
             yield Found(message, column, row, value, "Correct or remove it.")
     cells = zip(table["environment"], table["parameter"], table["reference"], strict=True)
     for index, (environment, parameter, reference) in enumerate(cells):
-        own = options.environments.get(environment, {})
-        expected = own.get(f"{parameter}_ref", reference)
+        in_scene = options.environments.get(environment, {})
+        expected = in_scene.get(f"{parameter}_ref", reference)
         if reference != expected:
             message = f"[environments] gives {shown([environment])} the reference {expected:g}."
             yield Found(message, "reference", index, reference, "Correct the table or the scene.")

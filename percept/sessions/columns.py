@@ -100,7 +100,7 @@ def _by_name(
     options: ReadOptions,
 ) -> list[str]:
     """Find the columns that no rule names by percept's names, or aliases; announce the latter."""
-    claimed = {rule.name for rule in rules.values()}
+    taken = {rule.name for rule in rules.values()}
     known = aliases(options.quantities)
     announced = []
     for canonical in wanted:
@@ -110,7 +110,7 @@ def _by_name(
             rules[canonical] = ColumnRule(name=canonical)
             continue
         names = known.get(canonical, {canonical})
-        found = [name for name in grid.header if name not in claimed and plain(name) in names]
+        found = [name for name in grid.header if name not in taken and plain(name) in names]
         if len(found) > 1:
             message = f"{shown(found)} could each be {canonical}."
             hint = f'Declare the one that is meant: [columns] {canonical} = "…".'
@@ -172,7 +172,7 @@ def _slots(grid: Grid, rules: _Rules, options: ReadOptions) -> tuple[Slot, ...]:
     if not wide:
         return (Slot(common, alone),)
     taken = {rule.name for rule in rules.values()} | _named_apart(rules, options)
-    places: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
+    positions: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
     for canonical, rule in wide.items():
         pattern = re.compile(_ID.sub(_group, re.escape(rule.name)), re.DOTALL)
         # "{environment}" alone fits every column: those are meant that the scene declares.
@@ -181,13 +181,13 @@ def _slots(grid: Grid, rules: _Rules, options: ReadOptions) -> tuple[Slot, ...]:
             match = pattern.fullmatch(name)
             if match and name not in taken and (not declared or name in declared):
                 ids = tuple(match.groupdict().items())
-                places.setdefault(ids, {})[canonical] = grid.position(name)
-    if not places:
+                positions.setdefault(ids, {})[canonical] = grid.position(name)
+    if not positions:
         message = "no column fits the pattern in [columns]."
         name = next(iter(wide.values())).name
         raise grid.error(message, name, f"The columns are {shown(grid.header)}.")
     return tuple(
-        Slot(columns=common | columns, ids=alone | dict(ids)) for ids, columns in places.items()
+        Slot(columns=common | columns, ids=alone | dict(ids)) for ids, columns in positions.items()
     )
 
 
@@ -242,13 +242,12 @@ def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str
     first, *others = (f"{name}_adj" for name in options.quantities)
     if not {first, *others} & {*present}:
         return [f"{first} (or {' or '.join(others)})" if others else first]
-    declared = {name for own in options.environments.values() for name in own}
     missing: list[str] = []
     for name, quantity in options.quantities.items():
         pair = {f"{name}_ref", f"{name}_adj"}
         lacking = pair - {*present}
         if quantity.is_matched and lacking and lacking != pair:
-            missing += lacking - declared
+            missing += lacking - options.declared_references
     return missing
 
 

@@ -188,10 +188,14 @@ def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Found]:
         way = (
             "If nobody meant that, [sessions] exclude ="
             f' [{{ column = "{column}", below = {least!r}, why = "{why}" }}] leaves such trials out'
-            " and logs them. If zero is an end of the control, limits = [0.0, inf] below"
-            f" [quantities.{parameter}] leaves them out and counts them. If people meant it, set"
-            ' family = "normal" in [inference].'
+            " and logs them."
         )
+        if few_zeros:
+            way += (
+                " If zero is an end of the control, limits = [0.0, inf] below"
+                f" [quantities.{parameter}] leaves them out and counts them."
+            )
+        way += ' If people meant it, set family = "normal" in [inference].'
     text = f"{_share(len(low), len(known), parameter)} zero or negative, here the first. {way}"
     if not no_ratio:
         text += f" There are {by_environment(known, values <= 0)}."
@@ -254,8 +258,8 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[
         for name in ("subject", "environment")
     )
     tried = set(by_subject["environment"].unique().explode().items())
-    for (subject, *own), (name, *levels) in product(subjects, environments):
-        if own == levels and (subject, name) not in tried:
+    for (subject, *groups_met), (name, *groups_of) in product(subjects, environments):
+        if groups_met == groups_of and (subject, name) not in tried:
             yield subject, name
 
 
@@ -339,15 +343,15 @@ def _mistyped(
     off = decades - grouped.transform("median")
     sds = (grouped.quantile(0.75) - grouped.quantile(0.25)) / _QUARTILES
     environment: Any
-    for environment, own in grouped:
-        candidates = own[off[own.index].abs() > _LOOKED_AT]
-        if len(own) < 2 or len(candidates) > _MOST_LOOKED_AT:
+    for environment, here in grouped:
+        candidates = here[off[here.index].abs() > _LOOKED_AT]
+        if len(here) < 2 or len(candidates) > _MOST_LOOKED_AT:
             continue
         elsewhere = sds.drop(environment).median() if len(sds) > 1 else _USUAL_SD
-        subjects = trials["subject"][own.index].nunique()
+        subjects = trials["subject"][here.index].nunique()
         index: Any
         for index, value in candidates.items():
-            others = own.drop(index)
+            others = here.drop(index)
             low, median, high = np.quantile(others, (0.25, 0.5, 0.75))
             distance = abs(value - median)
             is_gross = distance > _GROSS and subjects >= _FEWEST

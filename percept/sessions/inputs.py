@@ -118,7 +118,7 @@ def expand(paths: Sequence[str | Path]) -> tuple[dict[str, bool], list[Notice]]:
     if not paths:
         raise UsageError("no file was given.", hint="Name at least one session file or folder.")
     files: dict[str, bool] = {}
-    places: set[Path] = set()  # Where their paths lead
+    resolved: set[Path] = set()  # Where their paths lead
     notices: list[Notice] = []
     for given in paths:
         if not isinstance(given, str | os.PathLike):
@@ -133,11 +133,11 @@ def expand(paths: Sequence[str | Path]) -> tuple[dict[str, bool], list[Notice]]:
             names = _named(text)
         for name in names:
             place = Path(name).resolve()
-            if place in places:
+            if place in resolved:
                 notices.append(Notice("a file that is named more than once is read once"))
             else:
                 files[name] = not is_folder
-            places.add(place)
+            resolved.add(place)
     return files, notices
 
 

@@ -55,7 +55,7 @@ def tables(data: bytes, file: str, limits: FileLimits) -> tuple[dict[str, Column
         elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
             found[name] = _below_one_another(value, file, limits)
         elif np.ndim(value) == 2:
-            found[name] = {f"column {number}": own for number, own in enumerate(value.T, 1)}
+            found[name] = {f"column {number}": cells for number, cells in enumerate(value.T, 1)}
         else:
             alone[name] = value
     return found, alone

@@ -54,7 +54,9 @@ def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) 
     columns = [f"{p}_ref" for p in parameters] + [MASS] * (MASS in table)
     for column in columns:
         values = table[column]
-        given = {name: own[column] for name, own in known.items() if column in own}
+        given = {
+            name: references[column] for name, references in known.items() if column in references
+        }
         expected = environments.map(given).astype(float)
         if options.trial_references and column != MASS:
             expected = values.fillna(expected)
@@ -94,8 +96,8 @@ def _by_environment(
     rows = table["environment"][chosen]
     if len(rows):
         for name in table["environment"].unique():
-            if (own := rows.index[rows == name]).size:
-                yield name, own
+            if (chosen_rows := rows.index[rows == name]).size:
+                yield name, chosen_rows
 
 
 def _ask_for_references(

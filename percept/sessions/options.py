@@ -191,8 +191,8 @@ def _named(value: Any) -> Any:
     if not isinstance(value, Mapping):
         return value
     tables = {
-        name: {"name": name, **own} if isinstance(own, Mapping) else own
-        for name, own in value.items()
+        name: {"name": name, **table} if isinstance(table, Mapping) else table
+        for name, table in value.items()
     }
     return tables or dict(IMPEDANCE)
 
@@ -273,6 +273,11 @@ class DataTables(Table):
     sessions: SessionsTable = SessionsTable()
     files: FileLimits = FileLimits()
 
+    @property
+    def declared_references(self) -> frozenset[str]:
+        """Columns of references that [environments] gives."""
+        return frozenset().union(*self.environments.values())
+
     @model_validator(mode="before")
     @classmethod
     def _filled_in(cls, given: Any) -> Any:
@@ -300,8 +305,8 @@ class DataTables(Table):
                     error.key = f"columns.{name}.unit"
                     raise
         references = tuple(f"{name}_ref" for name in quantities)
-        for name, own in self.environments.items():
-            for key in own:
+        for name, given in self.environments.items():
+            for key in given:
                 _declared_quantity(key, quantities, f"environments.{name}.{key}")
                 known_key(references, key, f"environments.{name}.{key}")
         return self
@@ -400,11 +405,11 @@ class ReadOptions(DataTables):
         UsageError
             An unknown key, or a value of the wrong kind, naming table and key.
         """
-        own = {name: tables[name] for name in DataTables.model_fields if name in tables}
+        on_data = {name: tables[name] for name in DataTables.model_fields if name in tables}
         factor = dict(tables.get("study", {})).get("factor")
         bias = dict(tables.get("model", {})).get("bias")
         family = dict(tables.get("inference", {})).get("family", "lognormal")
         columns = [name for term in model_terms(factor, bias) for name in term]
         groups = dict.fromkeys(name for name in columns if name != TRIAL_REFERENCE)
-        options = cls(**own, family=family, trial_references=TRIAL_REFERENCE in columns)
+        options = cls(**on_data, family=family, trial_references=TRIAL_REFERENCE in columns)
         return options.with_groups(groups) if groups else options

@@ -156,7 +156,7 @@ def _matched(columns: Sequence[_Column]) -> _Roles:
     """Find adjustments, and the reference that shares the rest of its name with each of them."""
     adjusted = list(_of_role(columns, "adjusted", "reference"))
     references = list(_of_role(columns, "reference", "adjusted"))
-    partners = [[other for other in references if _share(other[0], own[0])] for own in adjusted]
+    partners = [[other for other in references if _share(other[0], match[0])] for match in adjusted]
     claimed = [column.name for others in partners for _, column in others]
     roles: _Roles = {}
     for (_, column), others in zip(adjusted, partners, strict=True):

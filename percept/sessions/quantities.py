@@ -58,8 +58,8 @@ def refuse_unfilled(tables: Any) -> None:
 def _unfilled(value: Any, key: str) -> Iterator[str]:
     """Give the keys of a table that nobody has filled in."""
     if isinstance(value, Mapping):
-        for name, own in value.items():
-            yield from _unfilled(own, f"{key}.{name}")
+        for name, inner in value.items():
+            yield from _unfilled(inner, f"{key}.{name}")
     elif value == TO_FILL_IN:
         yield key
 

@@ -53,7 +53,7 @@ class Log:
         self.parameters: set[str] = set()  # Quantities with a column of adjustments
         self.numbered = False  # Whether a column of any file numbers the trials
         self.applied: set[ExcludeRule] = set()  # Rules on texts that some row met
-        self.declared_units = {name for own in options.environments.values() for name in own}
+        self.declared_units = set(options.declared_references)
 
     def place(self, table: pd.DataFrame, index: Any) -> tuple[str, int]:
         """Return the file and physical line of a row of the table."""

@@ -1,6 +1,6 @@
 """A file's trials as one table, step by step: melted, selected, its ids and numbers converted.
 
-The table's columns have percept's names or are `OwnColumn` labels; its index is the physical line.
+The table's columns have percept's names or are `FileColumn` labels; its index is the physical line.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class OwnColumn:
+class FileColumn:
     """Label of a column of the file's own, whatever its name."""
 
     name: str
@@ -56,27 +56,27 @@ def _groups(file: OpenFile) -> list[str]:
     return list(dict.fromkeys((*kept, *file.options.sessions.groups)))
 
 
-def _own_columns(file: OpenFile) -> dict[Any, int]:
+def _file_columns(file: OpenFile) -> dict[Any, int]:
     """Find the file's other columns that are read."""
     canonical = canonical_columns(file.options.quantities)
     selection = file.options.sessions
-    names = [OwnColumn(name) for name in (*_groups(file), *selection.only)]
+    names = [FileColumn(name) for name in (*_groups(file), *selection.only)]
     for rule in selection.exclude:
         if rule.column not in canonical:
-            names.append(OwnColumn(rule.column, is_number=not rule.equals))
+            names.append(FileColumn(rule.column, is_number=not rule.equals))
     for column in file.resolution.rules.values():
-        names += map(OwnColumn, column.also)
-    return {own: file.grid.position(own.name) for own in names}
+        names += map(FileColumn, column.also)
+    return {column: file.grid.position(column.name) for column in names}
 
 
 def _melted(file: OpenFile) -> pd.DataFrame:
     """Give a row for each observation, with its ids: one set of columns, or several melted."""
-    own = _own_columns(file)
+    of_file = _file_columns(file)
     slots = file.resolution.slots
-    cells = file.cells({at for slot in slots for at in (*own.values(), *slot.columns.values())})
+    cells = file.cells({at for slot in slots for at in (*of_file.values(), *slot.columns.values())})
     parts = []
     for slot in slots:
-        columns = {**own, **slot.columns}
+        columns = {**of_file, **slot.columns}
         part = cells[list(columns.values())].set_axis(list(columns), axis=1)
         parts.append(part.assign(**slot.ids))
     data = parts[0]
@@ -100,7 +100,7 @@ def _joined(
     also: tuple[str, ...],
 ) -> list[str]:
     """Join ids of several columns; one that lacks a part is blank, and so missing."""
-    columns = [data[canonical], *(data[OwnColumn(name)] for name in also)]
+    columns = [data[canonical], *(data[FileColumn(name)] for name in also)]
     records = list(zip(*columns, strict=True))
     joined = {
         parts: "-".join(parts) if all(map(str.strip, parts)) else ""
@@ -120,12 +120,12 @@ def _joined(
 def _selected(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     """Keep the rows that the scene's rules on texts leave."""
     for name, texts in file.options.sessions.only.items():
-        kept = _among(data[OwnColumn(name)], texts)
+        kept = _among(data[FileColumn(name)], texts)
         data = _keep(file, data, kept, f"{name} is not {' or '.join(texts)}")
     for rule in file.options.sessions.exclude:
         if not rule.equals:
             continue
-        column = OwnColumn(rule.column) if OwnColumn(rule.column) in data else rule.column
+        column = FileColumn(rule.column) if FileColumn(rule.column) in data else rule.column
         if column not in data:
             file.grid.position(rule.column)
         excluded = _among(data[column], rule.equals)
@@ -165,15 +165,15 @@ def _exclude(
 ) -> pd.DataFrame:
     """Leave rows out and log them; `of_trials` logs those with a subject and environment."""
     ids = data[excluded].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
-    for row, own in zip(ids.index.tolist(), ids.to_dict("records"), strict=True):
-        if of_trials and not (own["subject"].strip() and own["environment"].strip()):
+    for row, cells in zip(ids.index.tolist(), ids.to_dict("records"), strict=True):
+        if of_trials and not (cells["subject"].strip() and cells["environment"].strip()):
             continue
         what = [
-            f"{column} {own[column].removesuffix('.0')}"
+            f"{column} {cells[column].removesuffix('.0')}"
             for column in ("session", "environment", "trial")
-            if own[column]
+            if cells[column]
         ]
-        exclusion = Exclusion(own["subject"], ", ".join(what), why, file.name, row)
+        exclusion = Exclusion(cells["subject"], ", ".join(what), why, file.name, row)
         file.log.exclusions.append(exclusion)
     return _keep(file, data, ~excluded, f"excluded: {why}")
 
@@ -309,7 +309,7 @@ def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     for rule in file.options.sessions.exclude:
         if rule.equals:
             continue
-        column = rule.column if rule.column in data else OwnColumn(rule.column, is_number=True)
+        column = rule.column if rule.column in data else FileColumn(rule.column, is_number=True)
         if column not in data or not pd.api.types.is_numeric_dtype(data[column]):
             key = f"sessions.exclude {rule.column}"
             raise UsageError("limits need a column of numbers.", key=key)
@@ -327,9 +327,9 @@ def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     defaults |= {f"{p}_ref": np.nan for p in options.quantities}
     defaults["trial"] = 1
     defaults |= {f"{p}_adj": np.nan for p in options.quantities}
-    if MASS in data or any(MASS in own for own in options.environments.values()):
+    if MASS in data or MASS in options.declared_references:
         defaults[MASS] = np.nan
     columns = {column: data.get(column, value) for column, value in defaults.items()}
-    columns |= {name: data[OwnColumn(name)] for name in _groups(file)}
+    columns |= {name: data[FileColumn(name)] for name in _groups(file)}
     frame = pd.DataFrame(columns, index=data.index).assign(row=data.index)
     return frame.astype(dict.fromkeys(IDS, "str"))

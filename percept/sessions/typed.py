@@ -176,14 +176,14 @@ def _chosen(names: Sequence[str], entry: Input, also: str = "") -> str:
 
 def _side_by_side(columns: matlab.Columns, entry: Input, limits: FileLimits) -> _Table:
     """Put columns side by side; columns of another length than most are no part of the table."""
-    lists = {name: [own] if np.ndim(own) == 0 else own for name, own in columns.items()}
+    lists = {name: [cells] if np.ndim(cells) == 0 else cells for name, cells in columns.items()}
     lengths = Counter(map(len, lists.values()))
     if not lengths:
         return []
     length = lengths.most_common(1)[0][0]
-    table = {name: own for name, own in lists.items() if len(own) == length}
+    table = {name: cells for name, cells in lists.items() if len(cells) == length}
     limits.hold_table(length, len(table), entry.name)
-    return [list(table), *zip(*(map(_plain, own) for own in table.values()), strict=True)]
+    return [list(table), *zip(*(map(_plain, cells) for cells in table.values()), strict=True)]
 
 
 def _plain(item: Any) -> Any:
@@ -349,7 +349,11 @@ def _matlab(entry: Input, limits: FileLimits) -> _Table:
     """Read a struct of columns, an array of structs, a matrix, or vectors of one length."""
     found, alone = matlab.tables(entry.data, entry.name, limits)
     # Structs of single values say something about the table.
-    tables = [name for name, own in found.items() if max(map(np.size, own.values()), default=0) > 1]
+    tables = [
+        name
+        for name, columns in found.items()
+        if max(map(np.size, columns.values()), default=0) > 1
+    ]
     if entry.part is None and not tables:
         if alone or not found:
             return _side_by_side(alone, entry, limits)
