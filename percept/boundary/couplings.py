@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.feels_real import edge_of
-from percept.boundary.shares import DiscIntegral, Discs, Users, shares_of_cells
+from percept.boundary.shares import DiscIntegral, Discs, Users, score_of, shares_of_cells
 from percept.haptics.perceived import Boxes, Display, DistancePlane, Point, Range, shown_element
 from percept.haptics.records import Coupling
 from percept.searches import rising_root
@@ -167,12 +166,12 @@ def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
     median = least + np.exp(np.median(middle, axis=0))
     integrals = Discs(users, one_device, median[None]).integrals(_SHARE_ACCURACY)
     found = Range(np.empty_like(middle), np.empty_like(middle))
-    edge = edge_of(level)
+    edge = score_of(level)
     for integral, frequencies in integrals.items():
         cells = np.nonzero(np.broadcast_to(frequencies, middle.shape))
         scores = functools.partial(_scores, users, plane, least, integral, cells)
         for limit, score in zip(found, (-edge, edge), strict=True):
-            start = middle + score / edge_of(of_box) * (logs.high - middle)
+            start = middle + score / score_of(of_box) * (logs.high - middle)
             ends = Range(logs.low[cells], logs.high[cells])
             # Where next to no user lies below the low end it is the limit.
             log_above = _root(scores, score, start[cells], ends)

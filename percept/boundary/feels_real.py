@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import elementwise
 
-from percept.boundary.shares import DiscIntegral, Discs, Users, share_within
+from percept.boundary.shares import DiscIntegral, Discs, Users, score_of, share_within
 from percept.haptics.loop import log_grid
 from percept.haptics.perceived import Display, displayed
 from percept.haptics.shown import shown_limits
@@ -30,7 +30,6 @@ __all__ = [
     "Evidence",
     "Feeling",
     "Scores",
-    "edge_of",
     "feels_real",
     "judge",
     "plane_scores",
@@ -112,11 +111,6 @@ def judge(probability: float, decision: float) -> Feeling:
     return "does not" if probability <= 1.0 - decision else "too little data"
 
 
-def edge_of(central: float) -> float:
-    """Return how many SDs from the median the central share of a normal ends."""
-    return float(-special.ndtri(0.5 * (1.0 - central)))
-
-
 def feels_real(
     display: Display,
     users: Users,
@@ -194,7 +188,7 @@ def rough_probability(
         For maps: shares of users are known to some ten-thousandths. It is that of 256 draws, or
         of 1,024 where these are not clear of `decision` and of one minus it.
     """
-    edge = edge_of(central)
+    edge = score_of(central)
     plane = plane_scores(display, users, omega[0], omega[-1])
     real = 0
     start = 0
@@ -258,7 +252,7 @@ def _evidence(
     central: float,
 ) -> Evidence:
     """Count the draws under which a display feels real."""
-    edge = edge_of(central)
+    edge = score_of(central)
     magnitude = np.concatenate([scores.largest for scores in judged])
     largest = np.maximum(magnitude, plane)
     inside = largest <= edge
@@ -270,7 +264,7 @@ def _evidence(
     probability = _share(inside)
     by_central = []
     for central in CENTRALS:
-        within = largest <= edge_of(central)
+        within = largest <= score_of(central)
         by_central.append(_share(within))
     lowest = int(np.argmin(inside_at))
     return Evidence(
@@ -333,7 +327,7 @@ def search_scores(
     scores = _scores(discs.shares(_ACCURACY))
     largest = scores.max(axis=1)
     # Outside all ranges no peak is asked.
-    widest = edge_of(max(*CENTRALS, central))
+    widest = score_of(max(*CENTRALS, central))
     inside = largest <= widest
     highest = _reach(scores, np.atleast_2d(omega))
     draw, index = np.nonzero((highest > largest[:, None]) & inside[:, None])

@@ -23,6 +23,7 @@ from scipy import special
 
 from percept.boundary.ball import Balls
 from percept.boundary.law import BEYOND, PairLaw
+from percept.boundary.shares import score_of
 from percept.errors import RefusalError
 from percept.haptics.loop import Loop
 from percept.searches import root
@@ -33,7 +34,6 @@ __all__ = [
     "density",
     "level_of",
     "relative_error",
-    "score_of",
 ]
 
 Array = NDArray[np.float64]
@@ -65,12 +65,6 @@ _SLOPE_STEP = 0.05
 _LEAST_TAIL = 1e-5
 _TINY = np.finfo(np.float64).tiny
 _SQRT_2PI = np.sqrt(2.0 * np.pi)
-
-
-def score_of(level: float) -> float:
-    """Return how many SDs out the central limits of a normal lie at a level."""
-    tail = 0.5 * (1.0 - level)
-    return float(-special.ndtri(tail))
 
 
 def level_of(score: float) -> float:

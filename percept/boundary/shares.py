@@ -24,6 +24,7 @@ __all__ = [
     "DiscIntegral",
     "Discs",
     "Users",
+    "score_of",
     "share_within",
     "shares_of_cells",
 ]
@@ -54,6 +55,12 @@ _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
 _PASS = 15_000
 #: Populations that show how the integral is best taken: it depends on the frequency far more.
 _TRIED = 8
+
+
+def score_of(level: float) -> float:
+    """Return how many SDs from the median the central share `level` of a normal ends."""
+    tail = 0.5 * (1.0 - level)
+    return float(-special.ndtri(tail))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +133,7 @@ class Users:
 
     def central_ranges(self, level: float) -> Boxes:
         """Return the limits between which the central `level` of stiffness and of damping lie."""
-        tail = 0.5 * (1.0 - level)
-        edge = float(-special.ndtri(tail))
+        edge = score_of(level)
         softest = self.native(-edge, STIFFNESS)
         stiffest = self.native(edge, STIFFNESS)
         least_damped = self.native(-edge, DAMPING)

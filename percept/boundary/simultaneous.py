@@ -34,7 +34,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from percept.boundary.law import between, cell_and_fraction
-from percept.boundary.limits import Magnitude, density, level_of, score_of
+from percept.boundary.limits import Magnitude, density, level_of
+from percept.boundary.shares import score_of
 from percept.errors import RefusalError
 
 __all__ = ["SimultaneousLevel", "simultaneous_level"]

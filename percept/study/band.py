@@ -16,6 +16,7 @@ from percept.boundary.band import (
     determines_laws,
     size_name,
 )
+from percept.boundary.shares import score_of
 from percept.haptics import Device, Loop, magnitude_envelope
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
@@ -146,7 +147,7 @@ def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
     points = fit.points[::stride]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
     laws = fit.model.moments(points)
-    out = -special.ndtri(0.5 * (1.0 - asked.level))
+    out = score_of(asked.level)
     lower = fit.scale.native(means - out * laws.population_sd)
     upper = fit.scale.native(means + out * laws.population_sd)
     limits = {cell: (lower[:, c], upper[:, c]) for cell, c in fit.column.items()}

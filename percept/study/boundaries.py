@@ -8,7 +8,8 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.boundary.limits import Magnitude, MagnitudeLimits, level_of, relative_error, score_of
+from percept.boundary.limits import Magnitude, MagnitudeLimits, level_of, relative_error
+from percept.boundary.shares import score_of
 from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
 from percept.haptics.loop import log_grid

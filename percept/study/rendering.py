@@ -6,12 +6,12 @@ References are judged directly and through the coupling, and so are couplings th
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from scipy.optimize import elementwise
 
+from percept.boundary.feels_real import share_error
 from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.aliases import alias_features
 from percept.haptics.arrays import LARGEST
@@ -181,13 +181,10 @@ def device_stability(
     margins = margins_of_draws(draws, loop, environment, coupling)
     tail = 0.5 * (1.0 - _LEVEL)
     lower, upper = np.quantile(margins, [tail, 1.0 - tail])
-    stable = int(np.count_nonzero(margins > 1.0))
-    # Laplace's rule of succession: one stable and one unstable device more are counted for the
-    # error, which a share of 0 or 1 would not have otherwise.
-    hedged = (stable + 1) / (margins.size + 2)
+    stable = float(np.mean(margins > 1.0))
     return DeviceStability(
-        probability=stable / margins.size,
-        error=math.sqrt(hedged * (1.0 - hedged) / margins.size),
+        probability=stable,
+        error=share_error(stable, margins.size),
         draws=margins.size,
         level=_LEVEL,
         margin_lower=float(lower),

@@ -18,8 +18,8 @@ import pandas as pd
 from scipy import special
 
 from percept.boundary.confidence import PARTS, Confidence, confidence, fiducial_users
-from percept.boundary.feels_real import CENTRALS, Evidence, edge_of, feels_real, search_grid
-from percept.boundary.shares import Users
+from percept.boundary.feels_real import CENTRALS, Evidence, feels_real, search_grid
+from percept.boundary.shares import Users, score_of
 from percept.errors import RefusalError
 from percept.haptics import TabulatedDevice
 from percept.haptics.perceived import Display
@@ -345,7 +345,7 @@ def more_subjects(scores: Array, subjects: int, *, central: float, decision: flo
     MoreSubjects
         The smallest number, up to 1,000, that decides with a probability of 0.8.
     """
-    edge = edge_of(central)
+    edge = score_of(central)
     scores = np.minimum(scores, _FARTHEST)
     for_real = special.ndtri(decision)
     for_not = -special.ndtri((1.0 - decision) / PARTS)

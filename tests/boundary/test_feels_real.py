@@ -9,13 +9,12 @@ import pytest
 from percept.boundary.feels_real import (
     CENTRALS,
     Evidence,
-    edge_of,
     feels_real,
     judge,
     search_grid,
     search_scores,
 )
-from percept.boundary.shares import Users
+from percept.boundary.shares import Users, score_of
 from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.perceived import Display
 
@@ -58,10 +57,10 @@ def test_against_a_fine_grid(seed):
     mine = search_scores(display, users, omega, LEVEL).largest
     fine = search_scores(display, users, dense, LEVEL).largest
     for central in (*CENTRALS, LEVEL):
-        differing = (mine <= edge_of(central)) != (fine <= edge_of(central))
-        assert np.all(np.abs(fine[differing] - edge_of(central)) < 1e-6)
+        differing = (mine <= score_of(central)) != (fine <= score_of(central))
+        assert np.all(np.abs(fine[differing] - score_of(central)) < 1e-6)
     # Shares far from an edge are known to a ten-thousandth.
-    inside = fine <= edge_of(LEVEL)
+    inside = fine <= score_of(LEVEL)
     assert mine[inside] == pytest.approx(fine[inside], abs=1e-3)
 
 
@@ -72,10 +71,10 @@ def test_the_least_probable_omega_is_found_between_frequencies():
     users = populations(1.0, 0.05, count=200, spread=1.0)
     found = feels_real(narrow, users, even, central=LEVEL, decision=DECISION)
     dense = np.geomspace(25.0, 40.0, 400)
-    held = (search_scores(narrow, users, dense, LEVEL).at_omega <= edge_of(LEVEL)).mean(axis=0)
+    held = (search_scores(narrow, users, dense, LEVEL).at_omega <= score_of(LEVEL)).mean(axis=0)
     assert found.lowest == pytest.approx(held.min(), abs=0.02)
     assert found.lowest_omega == pytest.approx(dense[held.argmin()], rel=0.01)
-    on_grid = search_scores(narrow, users, even, LEVEL).at_omega <= edge_of(LEVEL)
+    on_grid = search_scores(narrow, users, even, LEVEL).at_omega <= score_of(LEVEL)
     assert found.lowest < on_grid.mean(axis=0).min() - 0.1
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from percept import Study
-from percept.boundary.feels_real import edge_of, plane_scores, search_scores
+from percept.boundary.feels_real import plane_scores, search_scores
+from percept.boundary.shares import score_of
 from percept.haptics import Coupling
 from percept.study.device import device_draws
 from percept.study.rendering import margins_of_draws
@@ -54,7 +55,7 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
         dense = np.union1d(omega, omega[[0]] * (omega[-1] / omega[0]) ** np.linspace(0, 1, 100))
         score = search_scores(display, user, dense, CENTRAL).largest[0]
         plane = plane_scores(display, user, dense[0], dense[-1])[0]
-        inside.append(max(score, plane) <= edge_of(CENTRAL))
+        inside.append(max(score, plane) <= score_of(CENTRAL))
     # Of the same draws, one or two may lie too near to the edge.
     assert evidence.probability == pytest.approx(np.mean(inside), abs=2.0 / evidence.draws)
 
