@@ -80,7 +80,7 @@ def test_a_study_of_another_quantity_has_no_curves(tmp_path):
         "environment,parameter,reference,lower,upper,n,level\n"
         "short,duration,400,350,470,8,0.95\nlong,duration,900,700,880,8,0.95\n"
     )
-    scene = '[quantities.duration]\nunit = "ms"\n'
+    scene = '[quantities.duration]\nunit = "ms"\n[inference]\nseed = 2\n'
     (tmp_path / "words.toml").write_text(scene)
     assert main([*words, "--seed", "1", "--scene", str(tmp_path / "words.toml")]) == 0
     assert calibrate(tmp_path, str(tmp_path / "d.csv"), scene=scene) == 0

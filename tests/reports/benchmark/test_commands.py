@@ -92,11 +92,12 @@ def test_the_model_has_no_level_that_the_data_or_the_scene_leave_out():
     again["b_adj"] *= 1.0 + 0.04 * np.sin(np.arange(len(table)))
     repeated = pd.concat([table.assign(trial=1), again], ignore_index=True)
     one = table[table["environment"] == "VE3"]
-    # k and b: tau, sigma_u, s, kappa, omega each, two correlations, and a spread per environment.
-    assert coordinates_of(table) == 2 * 5 + 2 + 2 * 5
+    # k and b: tau, sigma_u, a trend, s, kappa and omega each, three correlations, and a spread per
+    # environment.
+    assert coordinates_of(table) == 2 * 6 + 3 + 2 * 5
     # Trials: s, kappa and omega of each, a correlation, and a spread per environment.
-    assert coordinates_of(repeated) == 22 + 2 * 3 + 1 + 2 * 5
-    assert coordinates_of(table, parameters=["k"]) == 5 + 5
+    assert coordinates_of(repeated) == 25 + 2 * 3 + 1 + 2 * 5
+    assert coordinates_of(table, parameters=["k"]) == 6 + 5
     # One environment: two spreads and one correlation.
     assert coordinates_of(one) == 3
 
