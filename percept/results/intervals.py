@@ -10,7 +10,6 @@ from percept.inference.record import Family, Kind, Method
 
 #: `docs/methods.md` defines each one.
 Measure: TypeAlias = Literal[
-    "pse",
     "sd_subjects",
     "jnd",
     "jnd_quartile",

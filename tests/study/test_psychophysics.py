@@ -55,10 +55,6 @@ def test_each_cell_equals_a_slow_twin(family):
         values = np.log(cell["k_adj"]) if log else cell["k_adj"]
         groups = [values[cell["subject"] == subject] for subject in cell["subject"].unique()]
         means = np.array([group.mean() for group in groups])
-        t = stats.t.interval(0.9, 4, means.mean(), stats.sem(means))
-        pse = np.array([means.mean(), *t])
-        pse = np.exp(pse) if log else pse
-        assert numbers(found, "pse", environment) == pytest.approx(pse, rel=1e-9)
 
         def step(sd, log=log):
             return 8.0 * np.expm1(sd) if log else sd
@@ -115,14 +111,9 @@ def test_two_subjects_tell_no_correlation(subjects, has):
     assert ("correlation" in set(found["measure"])) == has
 
 
-def test_posterior_rows_follow_from_the_draws_and_the_intervals(fitted):
+def test_posterior_rows_follow_from_the_draws(fitted):
     found = fitted.psychophysics
     bayesian = found[found["method"] == "bayesian"]
-    intervals = fitted.intervals
-    of_mean = intervals[(intervals["kind"] == "mean") & (intervals["method"] == "bayesian")]
-    pse = bayesian[bayesian["measure"] == "pse"]
-    for name in ("estimate", "lower", "upper"):
-        assert pse[name].to_numpy() == pytest.approx(of_mean[name].to_numpy(), rel=1e-9)
     fit = fitted.fit
     draws = {name: values for name, (_, values) in fit.model.scales(fit.points).items()}
     shared = draws["sigma_u"][:, 0]

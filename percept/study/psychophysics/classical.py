@@ -9,10 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from percept.errors import RefusalError
-from percept.inference.classical.intervals import Claim, interval_of
-from percept.inference.classical.moments import Moments
 from percept.inference.classical.variability import (
-    Bounded,
     MeanSquares,
     component_sd,
     correlation,
@@ -29,7 +26,8 @@ from percept.study.responses import Trials
 
 
 def classical_psychophysics(data: Data) -> Iterator[PsychophysicsRow]:
-    """Yield the classical rows; of published limits those of means and SDs only."""
+    """Yield the classical rows; of published limits those of SDs only."""
+    asked = data.asked
     for parameter in data.parameters:
         trials = _trials_if_any(data, parameter)
         by_environment = {}
@@ -39,7 +37,9 @@ def classical_psychophysics(data: Data) -> Iterator[PsychophysicsRow]:
             measured = _measured(cell, data, trials)
             by_environment[cell.environment] = measured
             if cell.moments is not None:
-                yield from _of_means(measured, cell.moments)
+                sd = float(cell.moments.on_scale(asked.family).sd) / measured.unit
+                bounded = sd_interval(sd, measured.n - 1.0, level=asked.level)
+                yield from measured.rows("sd_subjects", bounded)
         if trials is not None:
             for j, environment in enumerate(trials.environments):
                 yield from _of_trials(by_environment[environment], trials, j)
@@ -86,16 +86,6 @@ def _measured(cell: Cell, data: Data, trials: Trials | None) -> Measured:
         n=0 if cell.moments is None else int(np.asarray(cell.moments.n)),
         unit=unit,
     )
-
-
-def _of_means(measured: Measured, moments: Moments) -> Iterator[PsychophysicsRow]:
-    """Yield rows of subjects' mean and SD."""
-    asked = measured.data.asked
-    mean = interval_of("mean", moments, Claim(level=asked.level, family=asked.family))
-    pse = Bounded(float(mean.estimate), float(mean.lower), float(mean.upper))
-    yield from measured.rows("pse", pse)
-    sd = float(moments.on_scale(asked.family).sd) / measured.unit
-    yield from measured.rows("sd_subjects", sd_interval(sd, measured.n - 1.0, level=asked.level))
 
 
 def _of_trials(measured: Measured, trials: Trials, j: int) -> Iterator[PsychophysicsRow]:

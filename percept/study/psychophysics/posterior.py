@@ -32,7 +32,7 @@ from percept.inference.sampling.endpoints import mixture_limits
 from percept.results import Measure, PsychophysicsRow
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
-from percept.study.psychophysics.rows import Measured, mapped
+from percept.study.psychophysics.rows import Measured
 
 _Rows = Iterator[PsychophysicsRow]
 #: Draws, (S, cells) or (S, quantities), by what they are of.
@@ -81,7 +81,6 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
     data = fit.data
     limits = DrawLimits(data.asked.level, effective=len(fit.points))
     every_cell = []
-    of_means = limits.of_laws(fit.moments)
     population_sd = fit.moments.population_sd
     for (parameter, environment), c in fit.column.items():
         measured = Measured(
@@ -93,7 +92,6 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
             unit=float(fit.scale.unit[c]),
         )
         every_cell.append(measured)
-        yield from measured.rows("pse", mapped(of_means[c], fit.scale.at(c).native))
         yield from measured.rows("sd_subjects", limits.of(population_sd[:, c]))
     locations, _ = fit.model.draw(fit.points, generator(data.asked.seed, Stream.PSYCHOPHYSICS))
     every = fit.run.points.reshape(len(population_sd), -1)

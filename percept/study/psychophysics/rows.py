@@ -47,7 +47,7 @@ class Measured:
 
         Points of equality are in that unit, SDs are of responses, and the rest are pure numbers.
         """
-        unit = self.quantity.unit if measure in ("pse", "sd_subjects") else ""
+        unit = self.quantity.unit if measure == "sd_subjects" else ""
         if measure == "sd_subjects":
             if math.isnan(self._reference):
                 return
