@@ -22,7 +22,6 @@ def test_killed_commands_leave_whole_files_and_come_to_the_same_end(tmp_path, jo
     ("name", "data"),
     [
         ("fit.json", b'{"schema": "percept'),
-        ("a.parquet", b"PAR1 and half"),
         ("a.npz", b"PK\x03\x04 half"),
         ("posterior.nc", b"\x89HDF\r\n\x1a\n half"),
         ("report.html", b"<html><body>"),
