@@ -109,10 +109,9 @@ def anova(
     for axes in _effects(len(within)):
         scores = _scores(centred, axes)
         names = tuple(within[axis] for axis in axes)
-        of_effect = list(_squares(scores, group, sizes, names, between))
-        deviations = _deviations(scores, group, sizes)
-        error_of_all += float(np.sum(deviations**2))
-        squares += of_effect
+        error, rows = _squares(scores, group, sizes, names, between)
+        error_of_all += error
+        squares += rows
     least_of_deviations = _NO_SCATTER * float(np.sum(centred**2))
     least_of_values = _NO_SCATTER_OF_VALUES * float(np.sum(values**2))
     least = max(least_of_deviations, least_of_values)
@@ -144,11 +143,6 @@ def _scores(values: Array, axes: Sequence[int]) -> Array:
     return scores.reshape(len(values), -1)
 
 
-def _deviations(scores: Array, group: NDArray[np.intp], sizes: NDArray[np.intp]) -> Array:
-    """Deviations of subjects' values from the means of their groups, (n, q)."""
-    return np.asarray(scores - _means(scores, group, sizes)[group])
-
-
 def _means(scores: Array, group: NDArray[np.intp], sizes: NDArray[np.intp]) -> Array:
     """Means of the groups, (G, q)."""
     sums = np.zeros((len(sizes), scores.shape[1]))
@@ -162,8 +156,8 @@ def _squares(
     sizes: NDArray[np.intp],
     names: tuple[str, ...],
     between: str,
-) -> Iterator[_Squares]:
-    """Yield the sums of squares of an effect within subjects, and of its interaction with groups.
+) -> tuple[float, list[_Squares]]:
+    """Split the squares of an effect: its error, and the effect itself and with groups.
 
     Without factors, the scores are subjects' means: the only effect is that of the groups.
     """
@@ -171,7 +165,7 @@ def _squares(
     groups = len(sizes)
     df_subjects = len(scores) - groups
     means = _means(scores, group, sizes)
-    deviations = _deviations(scores, group, sizes)
+    deviations = scores - means[group]
     # The covariance times its degrees of freedom, which cancel; of more contrasts than subjects the
     # smaller product, which has the same traces of itself and of its square.
     few = deviations.T if contrasts <= len(scores) else deviations
@@ -180,19 +174,20 @@ def _squares(
     epsilon = 1.0
     if contrasts > 1 and error > 0.0:
         epsilon = error**2 / (contrasts * float(np.sum(covariance**2)))
+    df_error = contrasts * df_subjects
+    rows = []
     if names:
         # The plain mean of the groups' means; of one group it is the mean of all subjects.
         mean = means.mean(axis=0)
         weight = groups**2 / float(np.sum(1.0 / sizes))
         effect = weight * float(mean @ mean)
-        df_error = contrasts * df_subjects
-        yield _Squares(names, effect, error, contrasts, df_error, epsilon)
+        rows.append(_Squares(names, effect, error, contrasts, df_error, epsilon))
     if groups > 1:
         apart = means - scores.mean(axis=0)
         effect = float(sizes @ np.sum(apart**2, axis=1))
         df = contrasts * (groups - 1)
-        df_error = contrasts * df_subjects
-        yield _Squares((between, *names), effect, error, df, df_error, epsilon)
+        rows.append(_Squares((between, *names), effect, error, df, df_error, epsilon))
+    return error, rows
 
 
 def _tested(row: _Squares, error_of_all: float) -> Effect:

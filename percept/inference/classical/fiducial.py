@@ -110,12 +110,13 @@ def noncentral_t_tail(t: ArrayLike, df: ArrayLike, shift: ArrayLike) -> Array:
     ndarray
         Of the broadcast shape, never NaN.
     """
-    values = np.broadcast_arrays(np.maximum(t, _LEAST_DISTANCE), df, shift)
-    columns = [np.asarray(value, dtype=np.float64)[..., None] for value in values]
-    limit, freedom, centre = columns
-    w, weight = _law_of_sd(freedom, (centre + _FALL) / limit)
-    above = np.sum(weight * special.ndtr(centre - limit * w), axis=-1)
-    return np.asarray(above / np.sum(weight, axis=-1))
+    positive = np.maximum(t, _LEAST_DISTANCE)
+    columns = np.stack(np.broadcast_arrays(positive, df, shift), dtype=np.float64)
+    limit, freedom, centre = columns[..., None]
+    fall = (centre + _FALL) / limit
+    w, weight = _law_of_sd(freedom, fall)
+    above = special.ndtr(centre - limit * w)
+    return np.asarray(np.average(above, axis=-1, weights=weight))
 
 
 def tost_power(to_lower: float, to_upper: float, df: float, *, size: float) -> float:
@@ -148,10 +149,13 @@ def tost_power(to_lower: float, to_upper: float, df: float, *, size: float) -> f
     t = max(-float(special.stdtrit(df, size)), _LEAST_DISTANCE)
     # With a larger SD the limits leave no room for a mean.
     most = 0.5 * (to_lower + to_upper) / t
-    falls = [(distance + _FALL) / t for distance in (to_lower, to_upper)]
-    w, weight = _law_of_sd(np.array([df]), np.sort(np.concatenate([*falls, [most]])))
+    at_lower = (to_lower + _FALL) / t
+    at_upper = (to_upper + _FALL) / t
+    cuts = np.concatenate([at_lower, at_upper, [most]])
+    w, weight = _law_of_sd(np.array([df]), np.sort(cuts))
     between = special.ndtr(to_upper - t * w) - special.ndtr(t * w - to_lower)
-    return float(weight @ np.maximum(between, 0.0) / weight.sum())
+    rejected = np.maximum(between, 0.0)
+    return float(np.average(rejected, weights=weight))
 
 
 def _law_of_sd(df: Array, cuts: Array) -> tuple[Array, Array]:
@@ -161,7 +165,8 @@ def _law_of_sd(df: Array, cuts: Array) -> tuple[Array, Array]:
     """
     lowest = np.sqrt(special.chdtri(df, 1.0 - _NEGLIGIBLE) / df)
     highest = np.sqrt(special.chdtri(df, _NEGLIGIBLE) / df)
-    ends = np.concatenate([lowest, np.clip(cuts, lowest, highest), highest], axis=-1)
+    inner = np.clip(cuts, lowest, highest)
+    ends = np.concatenate([lowest, inner, highest], axis=-1)
     nodes, weights = _legendre(_NODES)
     half_length = 0.5 * np.diff(ends)[..., None]
     middle = ends[..., :-1, None] + half_length

@@ -192,14 +192,17 @@ def interval_of(
     moments, approximate = family_moments(x, claim.family)
     mean = np.asarray(moments.mean)
     n = np.asarray(moments.n)
-    t = _t_quantile(n, claim)
+    tail = tail_of(claim.level, joint=claim.joint)
+    t = -np.asarray(special.stdtrit(n - 1.0, tail / 2.0), dtype=float)
     share = claim.level if claim.share is None else claim.share
     if kind == "mean":
         factor = t / np.sqrt(n)
     elif kind == "user":
         factor = t * np.sqrt(1.0 + 1.0 / n)
     else:
-        factor = _share_factor(n, share, claim)
+        outside = tail_of(share, "share", joint=claim.joint)
+        miss = tail_of(claim.confidence, "confidence", joint=claim.joint)
+        factor = np.asarray(factor_of_tails(n, outside, miss))
     half_width = factor * np.asarray(moments.sd)
     lower = mean - half_width
     upper = mean + half_width
@@ -228,23 +231,6 @@ def interval_of(
         approximate=approximate,
         unit=claim.unit,
     )
-
-
-def _t_quantile(n: NDArray[np.int64], claim: Claim) -> Array:
-    """Quantile of t at the level, n - 1 degrees of freedom."""
-    tail = tail_of(claim.level, joint=claim.joint)
-    return -np.asarray(special.stdtrit(n - 1.0, tail / 2.0), dtype=float)
-
-
-def _share_factor(
-    n: NDArray[np.int64],
-    share: float,
-    claim: Claim,
-) -> Array:
-    """Half-width of a tolerance interval, in SDs."""
-    outside = tail_of(share, "share", joint=claim.joint)
-    miss = tail_of(claim.confidence, "confidence", joint=claim.joint)
-    return np.asarray(factor_of_tails(n, outside, miss))
 
 
 def family_moments(x: ArrayLike | Moments, family: Family) -> tuple[Moments, bool]:
