@@ -111,7 +111,7 @@ def ranks_under(moves, *, dimension=20, walkers=100, studies=30):
 def test_snooker_move_is_caught_and_ours_is_not():
     plan = dataclasses.replace(PLAN, draws=99)
     assert judged(plan, ranks_under(emcee.moves.DESnookerMove())).outside == ["x"]
-    ours = standard_moves(ReferenceLaw(20), [np.random.default_rng(5)])
+    ours = standard_moves(ReferenceLaw(20), np.random.default_rng(5))
     assert judged(plan, ranks_under(ours)).outside == []
 
 
