@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from percept.study.fit import Fit
 
 
-# Environments that laws of the band need: two parameters, and one to leave out.
+#: Environments that laws of the band need: two parameters, and one to leave out.
 _FEWEST_ENVIRONMENTS = 3
-# Simulated studies, from which a law's interval comes.
+#: Simulated studies, from which a law's interval comes.
 _BOOTSTRAP = 1000
-# Posterior draws, about: a law's interval needs no more.
+#: Posterior draws, about: a law's interval needs no more.
 _DRAWS = 2000
-# Radians between samples at which abs(Z_h) of no device is abs(Z_e), to a double's digits.
+#: Radians between samples at which abs(Z_h) of no device is abs(Z_e), to a double's digits.
 _SAMPLED = 1e-8
 
 #: Lower and upper limits, scalars or one per replicate, by parameter and environment.
@@ -69,7 +69,7 @@ class Banded:
         ranges = {}
         for environment, cells in self.cells(limits).items():
             # Of a few subjects some studies have SDs whose limits no double holds.
-            sides = [(displayable(limits[c][0]), displayable(limits[c][1])) for c in cells]
+            sides = [(displayable(limits[cell][0]), displayable(limits[cell][1])) for cell in cells]
             if self.omega is None:
                 ranges[environment] = sides[0]
                 continue
@@ -147,10 +147,10 @@ def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
     points = fit.points[::stride]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
     laws = fit.model.moments(points)
-    out = score_of(asked.level)
-    lower = fit.scale.native(means - out * laws.population_sd)
-    upper = fit.scale.native(means + out * laws.population_sd)
-    limits = {cell: (lower[:, c], upper[:, c]) for cell, c in fit.column.items()}
+    score = score_of(asked.level)
+    lower = fit.scale.native(means - score * laws.population_sd)
+    upper = fit.scale.native(means + score * laws.population_sd)
+    limits = {cell: (lower[:, number], upper[:, number]) for cell, number in fit.column.items()}
     return {("bayesian", asked.family): limits}
 
 
@@ -167,10 +167,10 @@ def _redrawn_limits(
     half = 0.5 * df
     mean = float(moments.mean) + float(moments.sd) / np.sqrt(n) * rng.standard_normal(_BOOTSTRAP)
     log_bias = 0.5 * (special.digamma(half) - np.log(half))
-    ratio = np.sqrt(rng.chisquare(df, _BOOTSTRAP) / df)
+    sd_ratio = np.sqrt(rng.chisquare(df, _BOOTSTRAP) / df)
     interval = interval_of("user", moments, Claim(**claim_of(asked), family=family))
     assert interval.factor is not None
-    half_width = float(interval.factor) * (float(moments.sd) / np.exp(log_bias) * ratio)
+    half_width = float(interval.factor) * (float(moments.sd) / np.exp(log_bias) * sd_ratio)
     lower = mean - half_width
     upper = mean + half_width
     if family == "normal":
@@ -189,7 +189,7 @@ def band_study(
         replicates |= classical_replicates(data, banded)
     if fit is not None:
         replicates |= posterior_replicates(fit, asked)
-    every: list[BandRow] = []
+    rows_of_all: list[BandRow] = []
     laws: list[BandLaw] = []
     statements: list[BandStatement] = []
     for one_band in banded:
@@ -213,18 +213,18 @@ def band_study(
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's
             # bands.
             bands = None if method == "bayesian" else np.array([row.band for row in rows])
-            whose = BandOwner(method=method, family=family, parameter=one_band.parameter)
-            laws += band_laws(environments, size, bands, redrawn, whose, level=asked.level)
-            statements += band_statements(size, redrawn, whose)
+            owner = BandOwner(method=method, family=family, parameter=one_band.parameter)
+            laws += band_laws(environments, size, bands, redrawn, owner, level=asked.level)
+            statements += band_statements(size, redrawn, owner)
         for row in of_band:
-            known = ends.get((row.environment, row.method, row.family))
-            if known is not None:
+            ends_of_row = ends.get((row.environment, row.method, row.family))
+            if ends_of_row is not None:
                 row = dataclasses.replace(
-                    row, band_lower=float(known[0]), band_upper=float(known[1])
+                    row, band_lower=float(ends_of_row[0]), band_upper=float(ends_of_row[1])
                 )
-            every.append(row)
-    kappa = None if fit is None else weber_trend(fit, level=asked.level)
-    return Band(banded[0].omega, tuple(every), tuple(laws), tuple(statements), kappa)
+            rows_of_all.append(row)
+    trends = None if fit is None else weber_trend(fit, level=asked.level)
+    return Band(banded[0].omega, tuple(rows_of_all), tuple(laws), tuple(statements), trends)
 
 
 def _rows(intervals: Sequence[IntervalRow], banded: Banded) -> Iterator[BandRow]:
@@ -263,14 +263,14 @@ def weber_trend(fit: Fit, *, level: float) -> tuple[WeberTrend, ...] | None:
     lower, upper = np.quantile(drawn, [tail, 0.5 * (1.0 + level)], axis=0).tolist()
     trends = []
     for p, parameter in enumerate(fit.parameters):
-        own = drawn[:, p]
+        kappa = drawn[:, p]
         trends.append(
             WeberTrend(
                 parameter=parameter,
                 lower=lower[p],
-                value=float(own.mean()),
+                value=float(kappa.mean()),
                 upper=upper[p],
-                below_zero=float((own < 0).mean()),
+                below_zero=float((kappa < 0).mean()),
             )
         )
     return tuple(trends)

@@ -23,11 +23,11 @@ from percept.study.regions import Law, Region, claim_fields
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
 _LAW_SHAPES: tuple[Shape, ...] = ("pointwise", "simultaneous")
-# Curves are not drawn when their Monte Carlo error exceeds this many times the tolerance.
+#: Curves are not drawn when their Monte Carlo error exceeds this many times the tolerance.
 _MOST_TOLERANCES = 10.0
-# Frequencies per decade: a line through them shows no corners on a page.
+#: Frequencies per decade: a line through them shows no corners on a page.
 _PER_DECADE = 40
-# Beside a resonance curves bend within a few per cent of its omega.
+#: Beside a resonance curves bend within a few per cent of its omega.
 _BESIDE = 1.0 + np.array([-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 
 
@@ -87,8 +87,8 @@ class _LawCurves:
         self._devices: DeviceCurves | None = None
         if setup.draws is not None and law.method == "bayesian":
             self._devices = DeviceCurves(setup, law, omega)
-        # Of a Bayesian simultaneous band, the device at its point; and the SDs by which its
-        # posterior moves that level out.
+        # Level of a Bayesian simultaneous band with the scene's device; and the SDs by which its
+        # score grows with the device's posterior.
         self.level: SimultaneousLevel | None = on_grid.level if on_grid else None
         self.widening: float = on_grid.widening if on_grid else 0.0
         self.limits: dict[Shape, MagnitudeLimits] = {}
@@ -102,7 +102,7 @@ class _LawCurves:
             for shape in _LAW_SHAPES:
                 if shape not in self.limits:
                     self.refused[shape] = error.message.removesuffix(".")
-        # It takes 30 MB.
+        # Curves of a posterior of the device take 30 MB.
         del self._devices
 
     def _pointwise(self, magnitude: Magnitude) -> MagnitudeLimits:
@@ -173,7 +173,7 @@ class BoundaryDrawing:
         self._table = table
         self._largest_error = _MOST_TOLERANCES * tolerance
         self._frames: dict[str, _Frame] = {}
-        self._on_grid: dict[Law, _LawCurves] = {}
+        self._curves_on_grid: dict[Law, _LawCurves] = {}
 
     def at(
         self,
@@ -206,7 +206,7 @@ class BoundaryDrawing:
             refused = self._curves(law).refused
             for shape in _LAW_SHAPES:
                 if shape in refused:
-                    found.append(Skipped(_name(law, shape), refused[shape]))
+                    found.append(Skipped(_law_name(law, shape), refused[shape]))
         return found
 
     def _own_frame(self, environment: str) -> _Frame:
@@ -220,8 +220,8 @@ class BoundaryDrawing:
         upper = self._table.upper
         if self._table.points:
             return np.geomspace(lower, upper, self._table.points)
-        near = np.multiply.outer(self._setup.resonances(environment), _BESIDE)
-        omega = log_grid((lower, upper), _PER_DECADE, near.ravel())
+        about_resonances = np.multiply.outer(self._setup.resonances(environment), _BESIDE)
+        omega = log_grid((lower, upper), _PER_DECADE, about_resonances.ravel())
         # At a pole curves are infinite, and no line leads there.
         finite = np.isfinite(self._setup.curve(environment, omega, coupled=False))
         finite &= np.isfinite(self._setup.curve(environment, omega, coupled=True))
@@ -236,7 +236,7 @@ class BoundaryDrawing:
 
     def _curves(self, law: Law) -> _LawCurves:
         """Return a law's curves on the grid of its environment."""
-        if law not in self._on_grid:
+        if law not in self._curves_on_grid:
             omega = self._own_frame(law.environment).omega
             curves = _LawCurves(self._setup, law, omega)
             for shape, limits in curves.limits.items():
@@ -246,8 +246,8 @@ class BoundaryDrawing:
                         f"their Monte Carlo error is {error:.2g} of the half-width,"
                         f" and curves are drawn up to {self._largest_error:.2g}"
                     )
-            self._on_grid[law] = curves
-        return self._on_grid[law]
+            self._curves_on_grid[law] = curves
+        return self._curves_on_grid[law]
 
     def _around(self, region: Region, frame: _Frame) -> Iterator[Boundary]:
         # An ellipse has no corners.
@@ -293,7 +293,7 @@ def _boundary(
     )
 
 
-def _name(law: Law, shape: Shape) -> str:
+def _law_name(law: Law, shape: Shape) -> str:
     """Name the curves of a law, as "Not computed" lists them."""
     if law.method == "bayesian":
         return f"{shape} Bayesian curves of {law.environment}, kind {law.kind}"
@@ -336,7 +336,7 @@ def _difference(omega: Array, values: Array) -> BandDifference:
     index = int(np.argmax(np.abs(values)))
     # The median is over log omega: grids are dense where curves bend.
     order = np.argsort(values)
-    lengths = np.gradient(np.log(omega))[order]
-    below = np.cumsum(lengths) - 0.5 * lengths
-    median = float(np.interp(0.5 * lengths.sum(), below, values[order]))
+    log_lengths = np.gradient(np.log(omega))[order]
+    below = np.cumsum(log_lengths) - 0.5 * log_lengths
+    median = float(np.interp(0.5 * log_lengths.sum(), below, values[order]))
     return BandDifference(float(values[index]), float(omega[index]), median)

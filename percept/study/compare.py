@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _PAIRS = 1 << 17
 #: Subjects named in a message; of more a sentence would be unreadable.
 _MOST_NAMED = 5
-_SAME = (
+_SAME_SESSIONS = (
     "A and B are the same sessions: the table of their users, whose intervals assume two samples of"
     " different people, is left out."
 )
@@ -85,7 +85,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
             "A and B are the same sessions under the same scene: there is nothing to compare.",
             hint="Give the sessions of other people, or another scene.",
         )
-    notes = [_SAME] if same else list(_in_common(first.sessions, second.sessions))
+    notes = [_SAME_SESSIONS] if same else list(_in_common(first.sessions, second.sessions))
     notes += _left_out(first.data.environments, second.data.environments)
     notes += _left_out(first.data.parameters, second.data.parameters)
     differences = [] if same else [*_classical(first, second), *_bayesian(first, second)]
@@ -187,7 +187,7 @@ def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
 
 
 def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
-    """Welch's interval of the difference of means, and the F interval of the ratio of SDs."""
+    """Yield Welch's interval of the difference of means, and the F interval of the ratio of SDs."""
     asked = first.scene.inference
     if "bayesian" in (asked.method, second.scene.inference.method):
         return
@@ -202,7 +202,7 @@ def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
 
 
 def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
-    """Root of the mixture of differences of conditional normals."""
+    """Yield rows of both posteriors: limits of a mixture of normals, and quantiles of ratios."""
     a = first.passed
     b = second.passed
     if a is None or b is None:

@@ -100,13 +100,13 @@ class _Values:
     ) -> _Rows:
         """Yield the rows of every pair of levels and every interaction."""
         lacking = "repeated trials" if self.is_of_trials else "data"
-        for one in comparisons(conditions, factors, cells, self.label, lacking):
-            if isinstance(one, Skipped):
-                yield one
-            elif one.within:
-                yield from self.paired(one)
+        for comparison in comparisons(conditions, factors, cells, self.label, lacking):
+            if isinstance(comparison, Skipped):
+                yield comparison
+            elif comparison.within:
+                yield from self.paired(comparison)
             elif len(conditions.between) == 1:
-                yield from self._of_groups(one, factors)
+                yield from self._of_groups(comparison, factors)
         if len(conditions.between) > 1:
             what = f"classical contrasts of groups in {self.label}"
             yield Skipped(what, "Welch's test compares the groups of one column only")
@@ -114,21 +114,21 @@ class _Values:
     def paired(self, comparison: Comparison) -> _Rows:
         """Yield paired intervals and ratios of SDs, of subjects who have every cell."""
         what = self._named(comparison)
-        subjects = np.isfinite(self.cells.at_level(comparison))
-        n = int(subjects.sum())
+        is_complete = np.isfinite(self.cells.at_level(comparison))
+        n = int(is_complete.sum())
         if n < 2:
             yield Skipped(what, "fewer than two subjects have all its levels")
             return
         weights = self.cells.own(comparison).weights
         weight = np.array(list(weights.values()))
-        values = self.cells.in_cells(list(weights))[subjects]
+        values = self.cells.in_cells(list(weights))[is_complete]
         second = values @ np.maximum(weight, 0.0)
         first = values @ np.maximum(-weight, 0.0)
         asked = self.data.asked
         try:
             for kind in ("mean",) if self.is_of_trials else asked.kinds:
-                interval, *of_mean = paired_contrast(second - first, kind, **claim_of(asked))
-                p_value, d_z = of_mean if kind == "mean" else (None, None)
+                interval, *evidence = paired_contrast(second - first, kind, **claim_of(asked))
+                p_value, d_z = evidence if kind == "mean" else (None, None)
                 yield self._row(comparison, interval, comparison.of, n, p_value, kind, d_z)
             if comparison.of == "bias" and not self.is_of_trials:
                 ratio = spread_ratio(first, second, level=asked.level)
@@ -139,27 +139,31 @@ class _Values:
     def _of_groups(self, comparison: Comparison, factors: Factors) -> _Rows:
         """Yield Welch's interval and the F interval of subjects' values in two groups."""
         ((column, levels),) = self.cells.groups.items()
-        place = list(factors.levels).index(column)
+        factor_number = list(factors.levels).index(column)
         first, second = comparison.groups
         # Both groups' values weigh the same cells, which the second one's part of the contrast
         # tells.
         of_second = {
-            cell: weight for cell, weight in comparison.weights.items() if cell[1][place] == second
+            cell: weight
+            for cell, weight in comparison.weights.items()
+            if cell[1][factor_number] == second
         }
-        part = dataclasses.replace(comparison, weights=of_second)
-        values = self.cells.weighed(self.cells.own(part).weights)
+        one_sided = dataclasses.replace(comparison, weights=of_second)
+        values = self.cells.weighed(self.cells.own(one_sided).weights)
         samples = [values[np.isfinite(values) & (levels == level)] for level in (first, second)]
         what = self._named(comparison)
         if min(map(len, samples)) < 2:
             yield Skipped(what, "a group has fewer than two subjects with all cells")
             return
         moments = [Moments.from_values(sample) for sample in samples]
-        if min(float(part.sd) for part in moments) == 0.0:
+        if min(float(group.sd) for group in moments) == 0.0:
             yield Skipped(what, "all subjects of a group have one value")
             return
         level = self.data.asked.level
-        found = group_contrast(*moments, level=level)
-        yield self._row(comparison, found, comparison.of, found.n, found.p_value, "mean")
+        difference = group_contrast(*moments, level=level)
+        yield self._row(
+            comparison, difference, comparison.of, difference.n, difference.p_value, "mean"
+        )
         if comparison.of == "bias" and not self.is_of_trials:
             ratio = group_spread_ratio(*moments, level=level)
             yield self._row(comparison, ratio, "spread", ratio.n, ratio.p_value)
@@ -248,7 +252,11 @@ def level_values(data: Data) -> Iterator[LevelValues]:
         return
     means = list(level_means(data.conditions, factors, list(factors.cells.values())))
     compared: list[tuple[Comparison, str | None]] = [(overall, None) for *_, overall in means]
-    compared += [(one, one.environment) for *each, _ in means for one in each]
+    compared += [
+        (at_environment, at_environment.environment)
+        for *by_environment, _ in means
+        for at_environment in by_environment
+    ]
     for parameter in data.parameters:
         try:
             cells = data.subject_cells(parameter)
@@ -294,8 +302,8 @@ def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
             yield Skipped(what, str(refused))
             continue
         for effect in effects:
-            of_model = frozenset(effect.factors) - {ENVIRONMENT}
-            if not of_model or of_model in terms:
+            model_term = frozenset(effect.factors) - {ENVIRONMENT}
+            if not model_term or model_term in terms:
                 yield AnovaRow(
                     factor=":".join(effect.factors),
                     parameter=parameter,

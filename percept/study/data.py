@@ -182,33 +182,35 @@ class Data:
     def _adjusted(self, environment: str, parameters: tuple[str, ...]) -> tuple[_Names, Array]:
         """Subjects of the trials with all of P parameters, (M,), and their values, (M, P)."""
         columns = [f"{parameter}_adj" for parameter in parameters]
-        known = self._tables[environment].dropna(subset=columns)
-        return known["subject"].to_numpy(dtype=object), known[columns].to_numpy(dtype=float)
+        complete = self._tables[environment].dropna(subset=columns)
+        return complete["subject"].to_numpy(dtype=object), complete[columns].to_numpy(dtype=float)
 
     @cached_property
     def cells(self) -> dict[Family, list[Cell]]:
         """Cells on the scale of each family, parameter by parameter."""
-        found: dict[Family, list[Cell]] = {}
+        by_family: dict[Family, list[Cell]] = {}
         for family in FAMILIES:
-            found[family] = [
+            by_family[family] = [
                 self._cell(name, parameter, family)
                 for parameter in self.parameters
                 for name in self.environments
             ]
-        return found
+        return by_family
 
     def _cell(self, environment: str, parameter: str, family: Family) -> Cell:
         """Make a cell of its moments, or of why there are none, such as no scatter."""
         quantity = self.quantities[parameter]
         if self.sessions.form == "summary":
-            found = _published(self._tables[environment], parameter, family)
+            moments_or_why = _published_moments(self._tables[environment], parameter, family)
         else:
-            found = _of_subjects(*self._adjusted(environment, (parameter,)), family)
-        if isinstance(found, str):
-            return Cell(quantity, environment, None, found)
-        if np.all(found.sd == 0):
+            moments_or_why = _moments_of_subjects(
+                *self._adjusted(environment, (parameter,)), family
+            )
+        if isinstance(moments_or_why, str):
+            return Cell(quantity, environment, None, moments_or_why)
+        if np.all(moments_or_why.sd == 0):
             return Cell(quantity, environment, None, "all subjects made the same adjustments")
-        return Cell(quantity, environment, found)
+        return Cell(quantity, environment, moments_or_why)
 
     def moments(self, family: Family) -> dict[tuple[str, str], Moments]:
         """Moments on a family's scale, of the cells that have some, by (parameter, environment)."""
@@ -283,10 +285,11 @@ class Data:
             return ()
         rows: list[SubjectRow] = []
         for parameter in self.sessions.parameters:
-            rows += self._subjects_of(parameter)
+            rows += self._subject_rows(parameter)
         return tuple(rows)
 
-    def _subjects_of(self, parameter: str) -> Iterator[SubjectRow]:
+    def _subject_rows(self, parameter: str) -> Iterator[SubjectRow]:
+        """Yield what every subject adjusted of one quantity."""
         columns = [f"{parameter}_ref", f"{parameter}_adj"]
         rows = self.sessions.table.dropna(subset=columns)
         reference, adjusted = rows[columns].to_numpy(dtype=float).T
@@ -297,11 +300,11 @@ class Data:
             deviation = np.log(adjusted / reference)
         elif relative:
             deviation = adjusted / reference - 1.0
-        cell_of_row = rows.assign(deviation=deviation).groupby(["subject", "environment"])
-        cells = cell_of_row["deviation"].mean().unstack()
+        by_cell = rows.assign(deviation=deviation).groupby(["subject", "environment"])
+        cells = by_cell["deviation"].mean().unstack()
         # Environments are centred, so that subjects with different environments compare.
         centred = (cells - cells.mean()).mean(axis=1)
-        trials_of = rows["subject"].value_counts()
+        trial_counts = rows["subject"].value_counts()
         for subject in self.sessions.subjects:
             if subject not in cells.index:
                 continue
@@ -311,7 +314,7 @@ class Data:
                 subject=subject,
                 parameter=parameter,
                 n=len(values),
-                trials=int(trials_of[subject]),
+                trials=int(trial_counts[subject]),
                 relative=relative,
                 log=log,
                 mean=float(np.expm1(mean)) if log else mean,
@@ -321,7 +324,7 @@ class Data:
             )
 
 
-def _of_subjects(subjects: _Names, adjusted: Array, family: Family) -> Moments | str:
+def _moments_of_subjects(subjects: _Names, adjusted: Array, family: Family) -> Moments | str:
     """Moments of the subjects' means of one parameter, or why there are none."""
     if len(set(subjects.tolist())) < 2:
         return "it has fewer than two subjects"
@@ -330,7 +333,7 @@ def _of_subjects(subjects: _Names, adjusted: Array, family: Family) -> Moments |
     return subject_means(adjusted[:, 0], subjects, family=family).moments()
 
 
-def _published(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
+def _published_moments(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
     """Moments of a cell of published limits, or why there are none."""
     row = table[table["parameter"] == parameter]
     if row.empty:

@@ -44,16 +44,16 @@ from percept.study.regions import Region
 BOXES = {"corner": haptics.corner_curves, "envelope": haptics.magnitude_envelope}
 _NO_DEVICE = "the scene has no [device]"
 _RESPONSE = ("omega", "real", "imaginary")
-# Rows of a measured device that a grid starts from, at most twice as many.
+#: Rows of a measured device that a grid starts from, at most twice as many.
 _MOST_ROWS = 128
 #: Devices drawn, at most: 20 lie beyond a limit with a tail of 0.5 %. A power of two: Sobol's
 #: points are then even.
-_COUNT = 4096
+_MOST_DRAWS = 4096
 #: Draws that a file needs: of one draw there is no spread.
 _FEWEST_DRAWS = 2
-# Frequencies that Eq. 10 is drawn at: enough for a line without corners.
+#: Frequencies that Eq. 10 is drawn at: enough for a line without corners.
 _STABILITY_POINTS = 400
-# The criterion is drawn from here on, rad/s, or from this fraction of Nyquist if that is less.
+#: The criterion is drawn from here on, rad/s, or from this fraction of Nyquist if that is less.
 _LOWEST_OMEGA = 1.0
 _LOWEST_FRACTION = 1e-3
 
@@ -65,7 +65,7 @@ class Setup:
     loop: Loop  # With the device
     references: Mapping[str, Environment]  # By environment
     coupling: Coupling | None = None
-    #: N devices of its posterior, stacked; the first few are spread over it, too.
+    #: N devices of its posterior, stacked, in an order in which the first few are spread over it.
     draws: Device | None = None
 
     @property
@@ -113,8 +113,8 @@ class Setup:
         reference = self.references[environment]
         joint_stiffness = reference.stiffness + device.stiffness
         pairs.append((joint_stiffness, device.mass + reference.mass))
-        rates = [np.sqrt(np.divide(k, m)) for k, m in pairs if np.all(m)]
-        return np.stack(np.broadcast_arrays(*rates), axis=-1) if rates else np.array([])
+        omegas = [np.sqrt(np.divide(stiffness, mass)) for stiffness, mass in pairs if np.all(mass)]
+        return np.stack(np.broadcast_arrays(*omegas), axis=-1) if omegas else np.array([])
 
 
 def referenced(data: Data) -> Iterator[str | Skipped]:
@@ -164,8 +164,8 @@ def loop_of(table: DeviceTable, device: AnyDevice) -> Loop:
     """Return the loop that a scene's device is in."""
     velocity_filter = None
     if table.velocity_filter is not None:
-        wanted = table.velocity_filter
-        velocity_filter = VelocityFilter(wanted.cutoff, wanted.order)
+        filter_table = table.velocity_filter
+        velocity_filter = VelocityFilter(filter_table.cutoff, filter_table.order)
     return Loop(device, table.period, table.hold, velocity_filter, table.delay_in_samples)
 
 
@@ -175,7 +175,7 @@ def device_of(scene: Scene) -> AnyDevice | None:
     if table is None:
         return None
     if table.mass is not None and table.damping is not None:
-        modes = tuple(haptics.Mode(m.mass, m.stiffness, m.damping) for m in table.modes)
+        modes = tuple(haptics.Mode(mode.mass, mode.stiffness, mode.damping) for mode in table.modes)
         return Device(table.mass, table.damping, modes, table.stiffness)
     # An absolute path stays what it is.
     file = str(scene.folder / str(table.response))
@@ -244,13 +244,13 @@ def device_draws(scene: Scene) -> Device | None:
     if posterior.draws is not None:
         file = str(scene.folder / posterior.draws)
         drawn = _read_draws(file, posterior.parameters, scene.files)
-        drawn = drawn[rng.permutation(len(drawn))[:_COUNT]]
+        drawn = drawn[rng.permutation(len(drawn))[:_MOST_DRAWS]]
     else:
         centre = np.log([values[name] for name in posterior.parameters])
         factor = np.linalg.cholesky(np.array(posterior.covariance))
         from scipy.stats import qmc  # slow to import, and needed here only
 
-        points = qmc.Sobol(len(centre), rng=rng).random(_COUNT)
+        points = qmc.Sobol(len(centre), rng=rng).random(_MOST_DRAWS)
         drawn = np.exp(centre + special.ndtri(points) @ factor.T)
     arrays = {name: np.full(len(drawn), value) for name, value in values.items()}
     arrays |= dict(zip(posterior.parameters, drawn.T, strict=True))
@@ -292,7 +292,7 @@ def _read_draws(file: str, parameters: tuple[str, ...], limits: FileLimits) -> A
 def study_coupling(
     setup: Setup, regions: Sequence[Region], family: Family, table: FrequencyTable
 ) -> JudgedCoupling:
-    """Judge a coupling by the paper: Eq. 10, and its rule over the range of a table."""
+    """Judge a coupling by Eq. 10 of the paper, and by its rule over the frequencies of a table."""
     within = table.lower, table.upper
     read_at = table.read_at
     loop = setup.loop
@@ -300,9 +300,9 @@ def study_coupling(
     coupling = setup.coupling
     assert coupling is not None
     criterion = haptics.absolute_stability(loop, coupling)
-    need = None
+    required = None
     if isinstance(device, haptics.Device):
-        need = haptics.required_damping(loop, coupling)
+        required = haptics.required_damping(loop, coupling)
     memberships = []
     for region in _best_regions(setup, regions, family):
         memberships.append(_membership(setup, region, within, read_at))
@@ -319,8 +319,8 @@ def study_coupling(
         eq10_reason=criterion.reason,
         eq10_margin=float(criterion.smallest_margin),
         eq10_omega=float(criterion.binding_omega),
-        required_damping=float(need.damping) if need else None,
-        required_omega=float(need.omega) if need else None,
+        required_damping=float(required.damping) if required else None,
+        required_omega=float(required.omega) if required else None,
         omega=omega,
         bound=coupling_bound(loop, omega),
         admittance=coupling_admittance(loop, omega, coupling).real,
@@ -336,7 +336,7 @@ def _membership(
     assert region.limits is not None
     assert setup.coupling is not None
     reference = setup.references[region.environment]
-    shown = haptics.effective_impedance(setup.loop, read_at, reference, setup.coupling)
+    effective = haptics.effective_impedance(setup.loop, read_at, reference, setup.coupling)
     box = Boxes.of(*region.limits)
     direct = setup.display(region.environment, coupled=False)
     coupled = setup.display(region.environment, coupled=True)
@@ -353,8 +353,8 @@ def _membership(
         verdict_coupled=of_coupled.verdict,
         departure_coupled=float(np.expm1(of_coupled.largest)),
         departure_omega_coupled=of_coupled.omega,
-        effective_stiffness=float(shown.stiffness),
-        effective_damping=float(shown.damping),
+        effective_stiffness=float(effective.stiffness),
+        effective_damping=float(effective.damping),
     )
 
 

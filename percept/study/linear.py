@@ -28,7 +28,7 @@ from percept.study.subject_cells import repeated_cells
 #: A setting lies near its reference, but a mean may lie anywhere: priors of locations, in which
 #: means differ, are so many times as wide.
 _WIDER_FOR_MEANS = 10.0
-_LOCATIONS = ("alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "covariate_sd")
+_LOCATION_PRIORS = ("alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "covariate_sd")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -67,14 +67,14 @@ class Contrast:
 
 def rows_of(contrasts: Sequence[Contrast]) -> Array:
     """Weights of contrasts, (L, R)."""
-    return np.array([own.row for own in contrasts])
+    return np.array([contrast.row for contrast in contrasts])
 
 
 def priors_of(scene: Scene, parameters: Collection[str]) -> Priors:
     """Return the scene's priors for a model of these parameters."""
     in_force = dict(scene.model.priors)
     if not any(scene.quantities[parameter].is_matched for parameter in parameters):
-        for name in _LOCATIONS:
+        for name in _LOCATION_PRIORS:
             in_force.setdefault(name, _WIDER_FOR_MEANS * getattr(Priors, name))
     return Priors(**in_force)
 
@@ -120,20 +120,20 @@ def linear_model(
     scene = data.scene
     if scene.terms or own_trial_sds:
         _refuse_options(scene)
-    statistics, sizes = _reduced(trials, data, own_trial_sds)
+    statistics, covariate_sds = _reduced(trials, data, own_trial_sds)
     cells, factors = _cells(statistics, data)
     priors = priors_of(scene, statistics.parameters)
     design = design_of(cells, factors, priors, options_of(scene))
     model = LinearModel(statistics, design, priors, resolution_of(trials, scene))
     contrasts: list[Contrast | Skipped] = []
     for p, parameter in enumerate(trials.parameters):
-        for own in _compared(data, trials, parameter):
-            if isinstance(own, Skipped):
-                contrasts.append(own)
+        for compared in _compared(data, trials, parameter):
+            if isinstance(compared, Skipped):
+                contrasts.append(compared)
             else:
-                comparison, of = own
+                comparison, of = compared
                 contrasts.append(_weighed(model, data, p, comparison, of))
-        contrasts += _slopes(model, data, p, sizes)
+        contrasts += _slopes(model, data, p, covariate_sds)
     return model, contrasts
 
 
@@ -147,28 +147,30 @@ def _compared(
     conditions = data.conditions
     cells = _keys(data, trials.environments)
     label = data.quantities[parameter].label
-    for one in comparisons(conditions, factors, cells, label):
-        if isinstance(one, Skipped):
-            yield one
+    for comparison in comparisons(conditions, factors, cells, label):
+        if isinstance(comparison, Skipped):
+            yield comparison
             continue
-        yield one, one.of
+        yield comparison, comparison.of
         # Where the spread of subjects' effects is one for all levels, a ratio would be falsely
         # certain.
-        if one.of == "bias" and one.factor in conditions.spread:
-            yield one, "spread"
+        if comparison.of == "bias" and comparison.factor in conditions.spread:
+            yield comparison, "spread"
     for *_, mean in level_means(conditions, factors, cells):
         yield mean, mean.of
     repeated = repeated_cells(trials, factors)
     precision = f"precision of {label}"
-    for one in comparisons(conditions.precise, factors, repeated, precision, "repeated trials"):
-        yield one if isinstance(one, Skipped) else (one, "precision")
+    for comparison in comparisons(
+        conditions.precise, factors, repeated, precision, "repeated trials"
+    ):
+        yield comparison if isinstance(comparison, Skipped) else (comparison, "precision")
 
 
-def _slopes(model: LinearModel, data: Data, p: int, sizes: Array) -> Iterator[Contrast]:
-    """Yield the slopes of quantity p on covariates, whose SDs are `sizes`."""
+def _slopes(model: LinearModel, data: Data, p: int, covariate_sds: Array) -> Iterator[Contrast]:
+    """Yield the slopes of quantity p on covariates, whose SDs are given."""
     covariates = model.statistics.covariates
     environments = model.design.cells.environments
-    for name, size in zip(data.conditions.covariates, sizes.tolist(), strict=True):
+    for name, covariate_sd in zip(data.conditions.covariates, covariate_sds.tolist(), strict=True):
         slope = Comparison(
             factor=name,
             first="the same",
@@ -176,7 +178,7 @@ def _slopes(model: LinearModel, data: Data, p: int, sizes: Array) -> Iterator[Co
             of="slope",
             within=covariates is not None and name in covariates.within,
             references=environments,
-            unit=size,
+            unit=covariate_sd,
         )
         yield _weighed(model, data, p, slope, "slope")
 
@@ -224,13 +226,13 @@ def _reduced(trials: Trials, data: Data, own_trial_sds: bool) -> tuple[Statistic
     """Statistics of the trials with their covariates, and the covariates' SDs."""
     names = data.conditions.covariates
     values = None
-    sizes = np.ones(0)
+    covariate_sds = np.ones(0)
     if names:
         table = data.sessions.table.loc[trials.rows]
-        sizes = table[list(names)].astype(float).std(ddof=0).to_numpy()
+        covariate_sds = table[list(names)].astype(float).std(ddof=0).to_numpy()
         values = covariate_values(table, names)
     elif not own_trial_sds:
-        return trials.statistics, sizes
+        return trials.statistics, covariate_sds
     statistics = by_subject(
         trials.statistics,
         (trials.response, trials.subject, trials.environment),
@@ -238,7 +240,7 @@ def _reduced(trials: Trials, data: Data, own_trial_sds: bool) -> tuple[Statistic
         covariates=names,
         values=values,
     )
-    return statistics, sizes
+    return statistics, covariate_sds
 
 
 def _keys(data: Data, cells: Sequence[str]) -> tuple[CellKey, ...]:
@@ -263,16 +265,18 @@ def _cells(statistics: Statistics, data: Data) -> tuple[Cells, CellFactors]:
     levels: dict[str, tuple[str, ...]] = {}
     level: dict[str, NDArray[np.intp]] = {}
     all_levels = data.sessions.factors.levels if data.sessions.factors is not None else {}
-    for place, (factor, names) in enumerate(all_levels.items()):
+    for factor_number, (factor, names) in enumerate(all_levels.items()):
         if factor not in conditions.factors:
             continue
         # Levels of which no trial is left have no column.
-        used = {own[place] for _, own in keys}
+        used = {levels_of_cell[factor_number] for _, levels_of_cell in keys}
         present = tuple(name for name in names if name in used)
         if len(present) < 2:
             raise RefusalError("a factor has one level left in the data.")
         levels[factor] = present
-        level[factor] = np.array([present.index(own[place]) for _, own in keys])
+        level[factor] = np.array(
+            [present.index(levels_of_cell[factor_number]) for _, levels_of_cell in keys]
+        )
     factors = CellFactors(
         levels=levels,
         level=level,

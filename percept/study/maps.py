@@ -43,7 +43,7 @@ from percept.study.verdicts import MapUsers, frequencies, relative_sd
 
 #: Draws that confirm an end: on a line of equal probability no number of draws is ever clear of it.
 _END_DRAWS = 2048
-#: Standard errors between a probability and the decision.
+#: Standard errors by which a probability surely differs from the decision.
 _ERRORS = 2.0
 #: Lines of damping of a map, and stiffnesses on each.
 _LINES = 33
@@ -66,11 +66,11 @@ _ENDS_TRIED = 5
 _PER_DECADE = 4
 #: About each resonance, where margins dip: half as many change probabilities by a tenth.
 _ABOUT_RESONANCE = 25
-#: Of the draws' ranges of stiffness, those that resonances are looked for in.
-_COMMON = (0.05, 0.95)
+#: Quantiles over draws of the ends of users' stiffness, between which resonances are looked for.
+_COMMON_QUANTILES = (0.05, 0.95)
 #: Resonances are looked for down to this fraction of the reference's stiffness.
 _SOFTEST_RESONANCE = 0.01
-#: Factors of the scene's mass or damping, which are seldom known better.
+#: Factors of the scene's mass or damping: these are seldom known better than to a half.
 _FACTORS = (0.5, 1.5)
 
 End = Literal["stiffest", "softest"]
@@ -117,19 +117,19 @@ def coupling_map(setup: Setup, whose: MapUsers, scene: Scene) -> AdmissibleCoupl
     )
 
 
-def _stiffnesses(
+def _users_stiffnesses(
     setup: Setup, environment: str, users: Users, central: float
 ) -> tuple[float, float]:
     """Return between which stiffnesses users take for an environment under most draws, N/m."""
     ranges = users.central_ranges(central).stiffness
     reference = float(setup.references[environment].stiffness)
-    low = float(np.quantile(ranges.low, _COMMON[0]))
-    high = float(np.quantile(ranges.high, _COMMON[1]))
+    low = float(np.quantile(ranges.low, _COMMON_QUANTILES[0]))
+    high = float(np.quantile(ranges.high, _COMMON_QUANTILES[1]))
     least = max(low, _SOFTEST_RESONANCE * reference)
     return least, max(high, least)
 
 
-def _frequencies(setup: Setup, environment: str, users: Users, scene: Scene) -> Array:
+def _map_frequencies(setup: Setup, environment: str, users: Users, scene: Scene) -> Array:
     """Return the frequencies, rad/s, of a map: even ones, and those at which users' walls resonate.
 
     Dips between them are not searched, so they are denser about resonances than `frequencies`.
@@ -137,7 +137,7 @@ def _frequencies(setup: Setup, environment: str, users: Users, scene: Scene) -> 
     resonances = setup.resonances(environment)
     if not isinstance(setup.loop.device, TabulatedDevice):
         # A table's rows are all there is to see; a mass resonates by the root of the stiffness.
-        ends = np.array(_stiffnesses(setup, environment, users, scene.verdict.central))
+        ends = np.array(_users_stiffnesses(setup, environment, users, scene.verdict.central))
         reference = float(setup.references[environment].stiffness)
         lowest, highest = np.sqrt(ends / reference).tolist()
         about = np.geomspace(lowest, highest, _ABOUT_RESONANCE)
@@ -153,18 +153,18 @@ class _Judge:
         self.setup = setup
         self.users = users
         self.scene = scene
-        some = self._some(MAP_DRAWS[0])
+        few_users = self._first(MAP_DRAWS[0])
         central = scene.verdict.central
-        softest, _ = _stiffnesses(setup, name, some, central)
+        softest, _ = _users_stiffnesses(setup, name, few_users, central)
         #: N/m; a softer coupling is too soft under every draw.
         self.softest = _SOFTER * softest
-        omega = _frequencies(setup, name, some, scene)
+        omega = _map_frequencies(setup, name, few_users, scene)
         display = setup.display(name, coupled=True)
         #: Of the first draws, as many as it is asked for.
-        self.couplings = CouplingJudge(display, self._some(MAP_DRAWS[-1]), omega, central=central)
+        self.couplings = CouplingJudge(display, self._first(MAP_DRAWS[-1]), omega, central=central)
         self._searched = frequencies(setup, name, relative_sd(users), scene)
 
-    def _some(self, draws: int) -> Users:
+    def _first(self, draws: int) -> Users:
         return self.users.select(slice(0, draws))
 
     def confirm(self, coupling: Coupling) -> Evidence:
@@ -172,7 +172,7 @@ class _Judge:
         setup = dataclasses.replace(self.setup, coupling=coupling)
         return feels_real(
             setup.display(self.name, coupled=True),
-            self._some(_END_DRAWS),
+            self._first(_END_DRAWS),
             self._searched,
             central=self.scene.verdict.central,
             decision=self.scene.inference.decision,
@@ -239,15 +239,15 @@ class _Couplings:
     def _probabilities(self, stiffness: Array, damping: Array) -> Array:
         """Return the probabilities of stiffnesses (B, K) on lines (B,)."""
         flat = stiffness.ravel()
-        beside = np.repeat(damping, stiffness.shape[1])
+        damping_of_each = np.repeat(damping, stiffness.shape[1])
         stable = np.ones(flat.size)
         if self._stable.devices is not None:
-            stable = self._stable.probability(flat, beside)
+            stable = self._stable.probability(flat, damping_of_each)
         least = np.ones(flat.size)
         for of_environment in self._judges:
             maybe = np.flatnonzero(least * stable > 0.0)
             if maybe.size:
-                couplings = Coupling(flat[maybe], beside[maybe])
+                couplings = Coupling(flat[maybe], damping_of_each[maybe])
                 found = of_environment.couplings.probabilities(couplings, self.draws)
                 least[maybe] = np.minimum(least[maybe], found)
         return (stable * least).reshape(stiffness.shape)
@@ -261,28 +261,28 @@ class _Couplings:
         """Return the stiffest or the softest coupling that surely reaches the decision."""
         wanted = self._decision + _ERRORS * share_error(self._decision, _END_DRAWS)
         for _ in range(_ENDS_TRIED):
-            coupling = self._end(end, wanted)
+            coupling = self._probable_end(end, wanted)
             if coupling is None:
                 return None
             confirmed = self._confirmed(coupling)
-            sure = confirmed.probability - _ERRORS * confirmed.error
-            if sure >= self._decision:
+            least_probability = confirmed.probability - _ERRORS * confirmed.error
+            if least_probability >= self._decision:
                 return confirmed
             # What lies between the map's frequencies, and its fewer draws, is asked for on top.
-            wanted += max(self._decision - sure, 1.0 / _END_DRAWS)
+            wanted += max(self._decision - least_probability, 1.0 / _END_DRAWS)
         return None
 
-    def _end(self, end: End, wanted: float) -> Coupling | None:
+    def _probable_end(self, end: End, wanted: float) -> Coupling | None:
         """Return the stiffest or the softest coupling on a line that is as probable as wanted."""
         enough = self.probability >= wanted
         (lines,) = np.nonzero(enough.any(axis=1))
         if not lines.size:
             return None
         damping = self._damping[lines]
-        last = self._stiffness.shape[1] - 1
+        last_stiffness = self._stiffness.shape[1] - 1
         if end == "stiffest":
-            inner = last - enough[lines, ::-1].argmax(axis=1)
-            outer = np.minimum(inner + 1, last)
+            inner = last_stiffness - enough[lines, ::-1].argmax(axis=1)
+            outer = np.minimum(inner + 1, last_stiffness)
         else:
             inner = enough[lines].argmax(axis=1)
             outer = np.maximum(inner - 1, 0)
@@ -293,8 +293,8 @@ class _Couplings:
             found = self._probabilities(middle[:, None], damping)[:, 0]
             inside = np.where(found >= wanted, middle, inside)
             outside = np.where(found >= wanted, outside, middle)
-        best = inside.argmax() if end == "stiffest" else inside.argmin()
-        return Coupling(float(inside[best]), float(damping[best]))
+        best_line = inside.argmax() if end == "stiffest" else inside.argmin()
+        return Coupling(float(inside[best_line]), float(damping[best_line]))
 
     def _confirmed(self, coupling: Coupling) -> ConfirmedCoupling:
         """Say how probably a coupling feels real where it is least probable, and what bounds it."""
@@ -353,9 +353,9 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
             for other in devices:
                 varied = setup.with_device(other)
                 display = varied.display(environment, coupled=coupled)
-                found = can_render(varied.loop, display.environment, coupling=display.coupling)
-                displays.append((display, _frequencies(varied, environment, population, scene)))
-                rendered.append(found.verdict == "can")
+                rendering = can_render(varied.loop, display.environment, coupling=display.coupling)
+                displays.append((display, _map_frequencies(varied, environment, population, scene)))
+                rendered.append(rendering.verdict == "can")
             if not any(rendered):
                 continue
             probabilities = [
@@ -368,7 +368,7 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
                 environment=environment,
                 coupled=coupled,
                 probability=tuple(probabilities),
-                outcome=tuple(judge(one, decision) for one in probabilities),
+                outcome=tuple(judge(probability, decision) for probability in probabilities),
                 rendered=tuple(rendered),
             )
             verdicts.append(verdict)

@@ -21,12 +21,12 @@ from percept.study.linear import Contrast, linear_model, options_of, priors_of
 from percept.study.responses import NO_SCALE, ResponseScale, Trials, decades, refuse_no_ratio
 from percept.study.subject_trials import own_trial_sds
 
-#: A Bayesian interval may be so many times as wide as the classical one. The page tells from one
-#: and a half on.
+#: A Bayesian interval may be so many times as wide as the classical one: beyond it the data tell
+#: next to nothing. The page tells from one and a half on.
 _MOST_WIDENED = 10.0
-#: Grid of log sigma: e-folds beyond the data and the prior, and points.
-_FAR = 5.0
-_GRID = 4000
+#: Grid of log sigma: e-folds beyond the data and the prior at each end, and points.
+_GRID_MARGIN = 5.0
+_GRID_POINTS = 4000
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,11 +87,11 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
             references = {cell: value for cell, value in data.reference.items() if cell[0] == name}
             refuse_no_ratio(references, data.quantities, hint=NO_SCALE.format(name))
     trials = data.trials(*parameters, partial=data.asked.method == "both")
-    own = own_trial_sds(trials, data.scene)
-    model, compared = linear_model(trials, data, own_trial_sds=own is True)
+    has_own_sds = own_trial_sds(trials, data.scene)
+    model, compared = linear_model(trials, data, own_trial_sds=has_own_sds is True)
     _refuse_ruling_prior(model, data)
     skipped = list(trials.skipped)
-    skipped += [one for one in (own, *compared) if isinstance(one, Skipped)]
+    skipped += [skip for skip in (has_own_sds, *compared) if isinstance(skip, Skipped)]
     return Prepared(
         data=data,
         model=model,
@@ -100,7 +100,7 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
         repeats=trials.statistics.repeats,
         trials=trials,
         skipped=tuple(skipped),
-        contrasts=tuple(one for one in compared if isinstance(one, Contrast)),
+        contrasts=tuple(contrast for contrast in compared if isinstance(contrast, Contrast)),
     )
 
 
@@ -120,13 +120,13 @@ def _refuse_ruling_prior(model: LinearModel, data: Data) -> None:
         sd = statistics.sd[p, 0]
         if sd == 0.0:
             continue
-        highest = max(np.log(sd), priors.log_s_mean) + _FAR
-        log_sigma = np.linspace(np.log(sd) - _FAR, highest, _GRID)
+        highest = max(np.log(sd), priors.log_s_mean) + _GRID_MARGIN
+        log_sigma = np.linspace(np.log(sd) - _GRID_MARGIN, highest, _GRID_POINTS)
         z = (log_sigma - priors.log_s_mean) / priors.log_s_sd
         of_data = log_sigma + 0.5 * np.exp(2.0 * (np.log(sd) - log_sigma))
         log_density = -0.5 * z * z - df[p, 0] * of_data
         cumulative = np.cumsum(np.exp(log_density - log_density.max()))
-        shares = np.linspace(0.0, cumulative[-1], _GRID)
+        shares = np.linspace(0.0, cumulative[-1], _GRID_POINTS)
         sigma = np.exp(np.interp(shares, cumulative, log_sigma))[:, None]
         _, half_width, _ = mixture_limits(np.zeros_like(sigma), sigma, tail)
         times = -half_width[0] / (sd * special.stdtrit(df[p, 0], tail))
@@ -155,12 +155,12 @@ def _side_by_side(parts: list[Prepared]) -> Prepared:
     contrasts = []
     before = 0
     for part in parts:
-        own = part.model.cell_rows.shape[1]
-        after = model.cell_rows.shape[1] - before - own
+        locations = part.model.cell_rows.shape[1]
+        after = model.cell_rows.shape[1] - before - locations
         for contrast in part.contrasts or ():
             row = np.pad(contrast.row, (before, after))
             contrasts.append(dataclasses.replace(contrast, row=row))
-        before += own
+        before += locations
     return Prepared(
         data=parts[0].data,
         model=model,
@@ -209,16 +209,16 @@ def _unpooled(data: Data) -> Prepared:
         model=Unpooled(tuple(moments), counts),
         scale=ResponseScale(log, np.exp(mean) if log else mean, sd),
         counts=counts,
-        repeats=any(own.repeats for own in moments.values()),
+        repeats=any(cell.repeats for cell in moments.values()),
         contrasts=None,
     )
 
 
 def _arrays(moments: dict[tuple[str, str], Moments]) -> tuple[Array, Array, NDArray[np.int64]]:
     """Means, SDs and numbers of subjects of C cells, (C,) each."""
-    means = np.array([own.mean for own in moments.values()])
-    sds = np.array([own.sd for own in moments.values()])
-    return means, sds, np.array([own.n for own in moments.values()])
+    means = np.array([cell.mean for cell in moments.values()])
+    sds = np.array([cell.sd for cell in moments.values()])
+    return means, sds, np.array([cell.n for cell in moments.values()])
 
 
 def _all_moments(data: Data) -> dict[tuple[str, str], Moments]:

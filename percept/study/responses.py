@@ -122,14 +122,16 @@ def trials(
     table = sessions.table.dropna(subset=columns)
     skipped = list(_incomplete(sessions, table, parameters))
     lognormal = scene.inference.family == "lognormal"
-    low = table.loc[(table[columns] <= 0).any(axis=1), "environment"].value_counts(sort=False)
-    if lognormal and partial and len(low) < table["environment"].nunique():
+    not_positive = table.loc[(table[columns] <= 0).any(axis=1), "environment"].value_counts(
+        sort=False
+    )
+    if lognormal and partial and len(not_positive) < table["environment"].nunique():
         # Without their environment: to leave out the lowest trials alone would bias what is left
         # there.
-        table = table[~table["environment"].isin(low.index)]
+        table = table[~table["environment"].isin(not_positive.index)]
         why = "zero or negative values have no logarithm ({} there); "
         why += 'family = "normal" takes them, and [sessions] exclude leaves them out'
-        for name, count in low.items():
+        for name, count in not_positive.items():
             skipped.append(Skipped(f"{name}, in the hierarchical model", why.format(count)))
     subjects = tuple(dict.fromkeys(table["subject"]))
     refuse_lone_subject(subjects)
@@ -145,8 +147,8 @@ def trials(
             value=float(adjusted[row, column]),
             hint='Set family = "normal", or exclude the trial in the scene.',
         )
-    there = set(table["environment"])
-    environments = tuple(name for name in sessions.environments if name in there)
+    measured = set(table["environment"])
+    environments = tuple(name for name in sessions.environments if name in measured)
     if table.groupby("environment")["subject"].nunique().max() < 2:
         message = "no environment has two subjects to tell users apart."
         raise RefusalError(message, hint=IF_BY_TRIAL)
@@ -159,10 +161,10 @@ def trials(
         elif any(references[name, where] <= 0.0 for where in sessions.environments):
             unit[p] = scene.model.scale.get(name, 1.0)
     environment = _codes(table["environment"], environments)
-    of_trial = reference[:, environment].T
-    response = (adjusted - of_trial) / unit[:, environment].T
+    reference_of_trial = reference[:, environment].T
+    response = (adjusted - reference_of_trial) / unit[:, environment].T
     if lognormal:
-        response = np.log(adjusted / of_trial)
+        response = np.log(adjusted / reference_of_trial)
     return Trials(
         response=response,
         subject=_codes(table["subject"], subjects),
@@ -188,9 +190,9 @@ def _incomplete(
     lack = "it lacks" if dropped == 1 else "they lack"
     yield Skipped(f"{counted(dropped, 'trial')}, in the hierarchical model", f"{lack} {lacking}")
     needed = "both parameters" if len(parameters) == 2 else lacking
-    there = set(table["environment"])
+    measured = set(table["environment"])
     for name in sessions.environments:
-        if name not in there:
+        if name not in measured:
             yield Skipped(f"Bayesian intervals of {name}", f"no trial there has {needed}")
 
 
@@ -228,7 +230,10 @@ def refuse_no_ratio(
 
 
 def resolution_of(trials: Trials, scene: Scene) -> Resolution | None:
-    """Step²/12 on the response scale, in cells whose scatter the step hides; or refuse those."""
+    """Variance of rounding to a step, step²/12, as responses, in cells whose scatter it hides.
+
+    RefusalError where these have no step.
+    """
     from percept.inference.model.model import Resolution
 
     steps = scene.model.resolution
@@ -239,8 +244,8 @@ def resolution_of(trials: Trials, scene: Scene) -> Resolution | None:
     unit = trials.scale.unit.reshape(trials.reference.shape)
     if trials.scale.log:
         unit = trials.reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
-    size = np.array([steps.get(p, 0.0) for p in statistics.parameters])
-    variance = (size[:, None] / unit) ** 2 / 12.0
+    step = np.array([steps.get(p, 0.0) for p in statistics.parameters])
+    variance = (step[:, None] / unit) ** 2 / 12.0
     # Elsewhere rounding is part of the scatter that is seen, and its variance would count twice.
     return Resolution(
         between=np.where(between, variance, 0.0), trial=np.where(trial, variance, 0.0)
@@ -253,11 +258,11 @@ def lacking_scatter(
     """Find cells (P, J) whose lack of scatter a step makes up for; or refuse."""
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
-    for what, still in (
+    for what, is_still in (
         ("all subjects made the same adjustments", between),
         ("no subject's trials differ", trial),
     ):
-        for parameter, cells in zip(statistics.parameters, still, strict=True):
+        for parameter, cells in zip(statistics.parameters, is_still, strict=True):
             if cells.any() and parameter not in steps:
                 quantity = quantities[parameter]
                 names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
@@ -269,18 +274,18 @@ def lacking_scatter(
                         f"[model] resolution.{parameter}."
                     ),
                 )
-    known = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
+    has_step = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
     if len(statistics.parameters) == 2:
         means = statistics.cell_means
-        off = (means - np.nanmean(means, axis=0)).transpose(2, 1, 0)
-        of_means = [pair[:, np.isfinite(pair).all(axis=0)] for pair in off]
+        about_cells = (means - np.nanmean(means, axis=0)).transpose(2, 1, 0)
+        of_means = [pair[:, np.isfinite(pair).all(axis=0)] for pair in about_cells]
         of_trials = list(statistics.trial_rows.transpose(2, 0, 1))
         for what, scatter, df, lacking in (
             ("the subjects' means", of_means, statistics.df.min(axis=0), between),
             ("a subject's trials", of_trials, statistics.trial_df, trial),
         ):
             if _in_proportion(scatter, df):
-                if not known.any():
+                if not has_step.any():
                     first, second = [quantities[p] for p in statistics.parameters]
                     raise RefusalError(
                         f"{first.label} and {second.label} of {what} move in proportion, to within"
@@ -293,17 +298,17 @@ def lacking_scatter(
                         ),
                     )
                 lacking |= df > 0
-    return between & known, trial & known
+    return between & has_step, trial & has_step
 
 
 def _in_proportion(scatter: list[Array], df: Array) -> bool:
     """Say whether in every environment the two rows of the scatter (2, n) are multiples."""
-    seen = [pair for pair, freedom in zip(scatter, df, strict=True) if freedom >= 1]
+    informed = [pair for pair, freedom in zip(scatter, df, strict=True) if freedom >= 1]
     with np.errstate(invalid="ignore"):
-        r = np.array([a @ b / np.sqrt((a @ a) * (b @ b)) for a, b in seen])
+        correlations = np.array([a @ b / np.sqrt((a @ a) * (b @ b)) for a, b in informed])
     # What is left of a regression, over what is regressed, is the root of 1 - r².
-    strong = np.abs(r) >= np.sqrt(1.0 - _PROPORTION**2)
-    one_sign = abs(np.sign(r).sum()) == r.size
+    strong = np.abs(correlations) >= np.sqrt(1.0 - _PROPORTION**2)
+    one_sign = abs(np.sign(correlations).sum()) == correlations.size
     near = strong.all() and one_sign
     # Near a correlation of one the density of such pairs grows as (1 - rho²)^(-(f - 1)/2) for every
     # environment's f degrees of freedom; from four such half powers on no prior of rho holds it.

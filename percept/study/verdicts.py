@@ -53,18 +53,20 @@ _VERDICT_COLUMNS = (
 )  # fmt: skip
 #: Most draws of the posterior: a probability of 0.95 is known to 0.003 by them.
 MOST_DRAWS = 4096
-#: Half of a resonance's width against the SD of log k between users, and its least.
-_HALF_SD = 0.5
+#: Half of a resonance's relative width over the relative SD of k between users, as omega goes with
+#: the root of k; and its least and its most.
+_HALF_WIDTH_PER_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
+_MOST_HALF_WIDTH = 1.0
 #: A mean of zero counts as this when an SD is put in proportion to it.
 _LEAST_MEAN = 1e-300
 #: Probability with which the wanted number decides; as in plans of interval widths.
 ASSURANCE = 0.8
-#: Subjects beyond which no number is given.
-_MOST = 1_000
-#: SDs beyond which no distance is told apart: all are decided at once.
+#: Further subjects beyond which no number is given.
+_MOST_MORE = 1_000
+#: Distances beyond so many SDs are not told apart: a few subjects decide on all of them.
 _FARTHEST = 10.0
-_NAMES = ("k", "b")
+_PARAMETERS = ("k", "b")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def subjects_of(data: Data, pairs: Sequence[SubjectPairs]) -> dict[str, Subjects
     for family in families:
         moments = data.moments(family)
         for environment in data.environments:
-            stiffness, damping = (moments.get((name, environment)) for name in _NAMES)
+            stiffness, damping = (moments.get((name, environment)) for name in _PARAMETERS)
             if stiffness is None or damping is None or environment in found:
                 continue
             users = None
@@ -110,11 +112,11 @@ def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
     """
     rng = generator(asked.seed, Stream.USERS)
     points = rng.permutation(fit.points)[:MOST_DRAWS]
-    parts = fit.model.split(points)
-    draw = _joint_draws if len(parts) == 1 else _separate_draws
+    models = fit.model.split(points)
+    draw = _joint_draws if len(models) == 1 else _separate_draws
     users = {}
     for environment, mean, covariance in draw(fit, points, rng):
-        cells = [fit.column[name, environment] for name in _NAMES]
+        cells = [fit.column[name, environment] for name in _PARAMETERS]
         origin = fit.scale.origin[cells]
         unit = fit.scale.unit[cells]
         centre = np.log(origin) if fit.scale.log else origin
@@ -127,23 +129,24 @@ def _joint_draws(
     fit: Fit, points: Array, rng: np.random.Generator
 ) -> Iterator[tuple[str, Array, Array]]:
     """Yield environment, mean (S, 2) and covariance (S, 2, 2) between users, as responses."""
-    ((density, coordinates),) = fit.model.split(points)
-    laws = density.joint(coordinates, density.pair_rows)
+    ((model, coordinates),) = fit.model.split(points)
+    laws = model.joint(coordinates, model.pair_rows)
     for j, environment in enumerate(fit.environments):
-        noise = rng.standard_normal((len(points), 2, 1))
+        normals = rng.standard_normal((len(points), 2, 1))
         values, vectors = np.linalg.eigh(laws.location[:, j])
         root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-        mean = laws.mean[:, j] + (root @ noise)[..., 0]
+        mean = laws.mean[:, j] + (root @ normals)[..., 0]
         yield environment, mean, laws.users[:, j]
 
 
 def _separate_draws(
     fit: Fit, points: Array, rng: np.random.Generator
 ) -> Iterator[tuple[str, Array, Array]]:
+    """Yield the same without correlation of stiffness and damping."""
     means, _ = fit.model.draw(points, rng)
     variances = fit.model.moments(points).population_sd ** 2
     for environment in fit.environments:
-        cells = [fit.column[name, environment] for name in _NAMES]
+        cells = [fit.column[name, environment] for name in _PARAMETERS]
         yield environment, means[:, cells], variances[:, cells][:, :, None] * np.eye(2)
 
 
@@ -162,11 +165,11 @@ def frequencies(setup: Setup, environment: str, relative_sd: float, scene: Scene
     resonances = setup.resonances(environment)
     if resonances.ndim == 1:
         resonances = resonances[np.isfinite(resonances) & (resonances > 0.0)]
-    half_width = max(_HALF_SD * relative_sd, _LEAST_HALF_WIDTH)
+    half_width = max(_HALF_WIDTH_PER_SD * relative_sd, _LEAST_HALF_WIDTH)
     if isinstance(setup.loop.device, TabulatedDevice):
         # A table's rows are all there is to see.
         half_width = 0.0
-    half_widths = np.full(resonances.shape[-1], min(half_width, 1.0))
+    half_widths = np.full(resonances.shape[-1], min(half_width, _MOST_HALF_WIDTH))
     return search_grid(scene.frequency.lower, scene.frequency.upper, resonances, half_widths)
 
 
@@ -176,6 +179,7 @@ def relative_sd(users: Users) -> float:
 
 
 def _relative(mean: float, sd: float, *, log: bool) -> float:
+    """SD relative to a mean; of logarithms it is that already."""
     return sd if log else sd / max(abs(mean), _LEAST_MEAN)
 
 
@@ -206,19 +210,19 @@ def study_verdicts(
         omega = frequencies(setup, environment, spread, scene)
         for coupled in (False, True) if setup.coupling is not None else (False,):
             display = setup.display(environment, coupled=coupled)
-            evidence = together = parts = likely = None
+            evidence = together = by_part = fiducial = None
             without: list[float] = []
             if of_users is not None:
                 evidence = _by_posterior(setup, environment, of_users, scene, coupled=coupled)
                 renders = stable.get((environment, coupled))
                 together = _stable_and_real(setup, display, evidence, stable=renders)
                 if environment in weights:
-                    judged = weights[environment][: evidence.draws]
-                    without = (evidence.real @ judged / judged.sum(axis=0)).tolist()
+                    draw_weights = weights[environment][: evidence.draws]
+                    without = (evidence.real @ draw_weights / draw_weights.sum(axis=0)).tolist()
             if of_subjects is not None and scene.inference.method != "bayesian":
-                parts, likely = _by_subjects(of_subjects, display, omega, scene)
-            if evidence is not None or parts is not None:
-                verdict = _verdict(environment, of_subjects, evidence, parts, likely, scene)
+                by_part, fiducial = _by_subjects(of_subjects, display, omega, scene)
+            if evidence is not None or by_part is not None:
+                verdict = _verdict(environment, of_subjects, evidence, by_part, fiducial, scene)
                 yield dataclasses.replace(
                     verdict,
                     coupled=coupled,
@@ -244,19 +248,19 @@ def _by_posterior(
 
 
 def _stable_and_real(
-    setup: Setup, shown: Display, found: Evidence, *, stable: bool | None
+    setup: Setup, display: Display, evidence: Evidence, *, stable: bool | None
 ) -> float | None:
     """Return the probability that a display is stable in time and feels real.
 
     Of a device that is a posterior's draws by these; else None where stability is undecided.
     """
     if setup.draws is None:
-        return None if stable is None else found.probability * stable
-    margins = margins_of_draws(setup.draws, setup.loop, shown.environment, shown.coupling)
+        return None if stable is None else evidence.probability * stable
+    margins = margins_of_draws(setup.draws, setup.loop, display.environment, display.coupling)
     # Of devices with modes fewer have a margin than there are draws.
-    judged = min(margins.size, found.draws)
-    both = found.real[:judged] & (margins[:judged] > 1.0)
-    return float(both.mean())
+    judged = min(margins.size, evidence.draws)
+    stable_and_real = evidence.real[:judged] & (margins[:judged] > 1.0)
+    return float(stable_and_real.mean())
 
 
 def _by_subjects(
@@ -264,26 +268,26 @@ def _by_subjects(
 ) -> tuple[Confidence | None, Evidence | None]:
     """Judge by the subjects, and by fiducial draws of users; None where subjects do not scatter."""
     central = scene.verdict.central
-    likely = None
+    fiducial = None
     if subjects.users is not None:
         decision = scene.inference.decision
-        likely = feels_real(display, subjects.users, omega, central=central, decision=decision)
+        fiducial = feels_real(display, subjects.users, omega, central=central, decision=decision)
     moments = subjects.stiffness, subjects.damping
     try:
-        parts = confidence(
-            display, *moments, omega, central=central, log=subjects.log, magnitude=likely
+        by_part = confidence(
+            display, *moments, omega, central=central, log=subjects.log, magnitude=fiducial
         )
     except RefusalError:
-        return None, likely
-    return parts, likely
+        return None, fiducial
+    return by_part, fiducial
 
 
 def _verdict(
     environment: str,
     subjects: Subjects | None,
     evidence: Evidence | None,
-    parts: Confidence | None,
-    likely: Evidence | None,
+    by_part: Confidence | None,
+    fiducial: Evidence | None,
     scene: Scene,
 ) -> Verdict:
     """Put the evidence of both methods together; the Bayesian outcome leads where there is one."""
@@ -292,15 +296,15 @@ def _verdict(
     count = 0 if subjects is None else int(subjects.stiffness.n)
     bayesian = None if evidence is None else _reported(evidence, decision, count)
     classical = None
-    if parts is not None and subjects is not None:
-        classical = _confidences(parts, subjects.family, decision)
+    if by_part is not None and subjects is not None:
+        classical = _confidences(by_part, subjects.family, decision)
     if bayesian is not None:
         outcome, probability = bayesian.outcome, bayesian.probability
     else:
         assert classical is not None
         outcome, probability = classical.outcome, classical.least
     more = None
-    drawn = evidence or likely
+    drawn = evidence or fiducial
     outcomes = {row.outcome for row in (bayesian, classical) if row}
     if classical is not None and drawn is not None and outcomes == {"too little data"}:
         more = more_subjects(drawn.scores, count, central=central, decision=decision)
@@ -358,8 +362,12 @@ def more_subjects(scores: Array, subjects: int, *, central: float, decision: flo
         does_not = special.ndtr((scores - edge - for_not * at_edge) / error)
         return float((real + does_not).mean())
 
-    count = 1 + bisect.bisect_left(range(1, _MOST + 1), ASSURANCE, key=probability)
-    return MoreSubjects(subjects=count if count <= _MOST else None, assurance=ASSURANCE, most=_MOST)
+    count = 1 + bisect.bisect_left(range(1, _MOST_MORE + 1), ASSURANCE, key=probability)
+    return MoreSubjects(
+        subjects=count if count <= _MOST_MORE else None,
+        assurance=ASSURANCE,
+        most=_MOST_MORE,
+    )
 
 
 def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvidence:

@@ -82,8 +82,8 @@ class Options:
     """Simpler models."""
 
     subject_effect: bool = True  # Whether subjects have effects v that cells share
-    weber: bool = False  # Fix kappa = 0: the spread is a constant fraction of the reference
-    common_spread: bool = False  # Fix omega = 0: log SDs follow their columns exactly
+    weber: bool = False  # Log SDs have no trend (kappa = 0): SDs are in proportion to references
+    common_spread: bool = False  # Log SDs follow their columns exactly (omega = 0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -194,7 +194,7 @@ def design_of(
         if not factors.between_subjects.intersection(factor_names):
             within_subjects.append(effect)
     subject_trend = trend if factors.subject_trends else []
-    sized = [effect for effect in main_effects if effect.name in factors.spread]
+    sized_effects = [effect for effect in main_effects if effect.name in factors.spread]
     sd_terms: list[Term] = []
     if several_cells:
         sd_trend = [] if options.weber else trend
@@ -215,19 +215,19 @@ def design_of(
         subject=tuple(subject_terms),
         sd_between=_scaled(sd_terms, between_sd, priors.psi_sd),
         sd_trial=_scaled(sd_terms, trial_sd, priors.psi_sd),
-        effect_size=_scaled(sized, {}, priors.psi_sd),
+        effect_size=_scaled(sized_effects, {}, priors.psi_sd),
     )
 
 
 def _scaled(
     terms: Sequence[Term],
     prior_sds: Mapping[str, float],
-    usual: float,
+    other_sd: float,
 ) -> tuple[Term, ...]:
-    """Multiply the columns of terms by the prior SDs of their coefficients."""
+    """Multiply the columns of terms by the prior SDs of their coefficients; all others have one."""
     scaled = []
     for term in terms:
-        columns = term.columns * prior_sds.get(term.name, usual)
+        columns = term.columns * prior_sds.get(term.name, other_sd)
         scaled.append(dataclasses.replace(term, columns=columns))
     return tuple(scaled)
 
@@ -258,7 +258,7 @@ def new_cells(
 ) -> Design:
     """Write out the columns of an untested environment, in every condition.
 
-    A condition is a level of each factor that some cell has.
+    A condition is a combination of levels, one of each factor, that some cell has.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Eliminated:
         self.pivots = np.einsum("ccw->cw", self._factor_of_others) ** 2
 
     def columns_of_others(self, weights: Array) -> Array:
-        """Columns (K, L, W) of combinations with weights (K, L, W) of the others alone."""
+        """Columns (K, L, W) of combinations of the others alone, with weights (K, L, W)."""
         return solve_lower(self._factor_of_others[:, :, None], weights)
 
     def columns(self, weights: Array, of_others: Array) -> Array:
@@ -86,8 +86,8 @@ class Eliminated:
         Products of the columns, of blocks first, sum to the covariance.
         """
         whitened = solve_lower(self._factor[:, :, :, None], weights)
-        taken = np.einsum("kcbw,kblw->clw", self._explained, whitened)
-        columns = self.columns_of_others(of_others - taken)
+        by_blocks = np.einsum("kcbw,kblw->clw", self._explained, whitened)
+        columns = self.columns_of_others(of_others - by_blocks)
         return np.concatenate(
             [whitened.reshape(whitened[..., 0, 0].size, *columns.shape[1:]), columns]
         )
@@ -113,16 +113,17 @@ def eliminate(
     -------
     Eliminated
     ndarray
-        Least part of a pivot of the others that is left, (W,): the part of its digits.
+        Least ratio of a pivot of the others to its diagonal entry before the blocks are taken out,
+        (W,). Rounding errors grow by its inverse.
     """
     factor = lower_factor(blocks)
     explained = solve_lower(factor[:, :, None], cross)
-    whole = np.einsum("ccw->cw", joint)[:-1].copy()
+    diagonal = np.einsum("ccw->cw", joint)[:-1].copy()
     for row in range(len(joint)):
         end = row + 1
         joint[row, :end] -= np.einsum("kbw,kcbw->cw", explained[:, row], explained[:, :end])
     solved = Eliminated(factor, explained, joint)
-    return solved, (solved.pivots / whole).min(axis=0, initial=1.0)
+    return solved, (solved.pivots / diagonal).min(axis=0, initial=1.0)
 
 
 class Latents:
@@ -235,7 +236,7 @@ class SubjectCovariance:
         return solve_upper(self._factor, whitened + rng.standard_normal(whitened.shape))
 
     def _unexplained(self, rows: Array, effects: Array) -> Vector:
-        """R - Zb of rows r (n, P, E, W or 1) and effects b (q, n, W)."""
+        """Rows (n, P, E, W or 1) less what effects b (q, n, W) explain, Zb."""
         unexplained = []
         for p in range(rows.shape[1]):
             explained = np.einsum("qew,qnw->new", self._effects[:, p], effects)

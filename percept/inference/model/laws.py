@@ -87,7 +87,7 @@ _Laws = TypeVar("_Laws", Moments, Joint)
 
 
 def joined(laws: Sequence[_Laws]) -> _Laws:
-    """Laws of some draws after another, as one."""
+    """Join laws at some draws and laws at others into one at all of them, in this order."""
     fields = {}
     for field in dataclasses.fields(laws[0]):
         fields[field.name] = np.concatenate([getattr(law, field.name) for law in laws])
@@ -238,7 +238,7 @@ class IndependentLaw(Law):
 
 
 class JointLaw(Law):
-    """Law of the locations of several models, one after another."""
+    """Law of the locations of independent models, those of one after those of another."""
 
     def __init__(self, laws: Sequence[Law]) -> None:
         self.locations = sum(law.locations for law in laws)
@@ -256,9 +256,9 @@ class JointLaw(Law):
 
     def columns(self, weights: Array) -> Array:
         """Columns (W, L, K) of combinations (L, R)."""
-        return np.concatenate([law.columns(own) for law, own in self._shares(weights)], axis=2)
+        return np.concatenate([law.columns(share) for law, share in self._shares(weights)], axis=2)
 
     def user_columns(self, weights: Array) -> Array:
         """Columns (W, L, K) of the same combinations of one user."""
-        parts = [law.user_columns(own) for law, own in self._shares(weights)]
+        parts = [law.user_columns(share) for law, share in self._shares(weights)]
         return np.concatenate(parts, axis=2)

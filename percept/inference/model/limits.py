@@ -30,8 +30,8 @@ Name = tuple[str, str]
 
 #: What an interval covers: the average user, the next user, a share of all users.
 KINDS = ("mean", "user", "share")
-#: SDs of a normal to which a score is searched: a thousandth of a usual half-width.
-_ACCURACY = 0.003
+#: Error of a score in SDs, at most: about a thousandth of the half-width of an interval at 99 %.
+_SCORE_ACCURACY = 0.003
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ def limits_of(
     kind: str,
     wanted: Sequence[Name],
 ) -> tuple[Array, Array]:
-    """Find what belongs to lower and upper limits of one kind, (L,) each, in values by name."""
+    """Pick the values, or errors, of lower and upper limits of one kind by name, (L,) each."""
     by_name = dict(zip(names, values.tolist(), strict=True))
     lower = [by_name[_limit_name("lower", kind, name)] for name in wanted]
     upper = [by_name[_limit_name("upper", kind, name)] for name in wanted]
@@ -175,22 +175,22 @@ def level_together(
         Of single limits, from `level` to the one that Bonferroni's inequality gives.
     """
     outside = 1.0 - level
-    first = _score(outside)
-    last = _score(outside / values.shape[1])
+    of_one = _score(outside)
+    of_bonferroni = _score(outside / values.shape[1])
 
     def excess(score: float) -> float:
         """Share of draws with a quantity outside, less what is allowed."""
         tail = float(special.ndtr(-score))
         lower, upper, _ = mixture_limits(mean, sd, tail)
-        leaves = (values < lower) | (values > upper)
-        return float(leaves.any(axis=1).mean()) - outside
+        is_outside = (values < lower) | (values > upper)
+        return float(is_outside.any(axis=1).mean()) - outside
 
-    score = last
+    score = of_bonferroni
     # Noise of the draws may put the crossing beyond either end.
-    if excess(first) <= 0.0:
-        score = first
-    elif excess(last) < 0.0:
-        score = float(optimize.brentq(excess, first, last, xtol=_ACCURACY))
+    if excess(of_one) <= 0.0:
+        score = of_one
+    elif excess(of_bonferroni) < 0.0:
+        score = float(optimize.brentq(excess, of_one, of_bonferroni, xtol=_SCORE_ACCURACY))
     return 1.0 - 2.0 * float(special.ndtr(-score))
 
 

@@ -51,13 +51,13 @@ class Resolution:
 class Model(ABC):
     """A posterior over scales, its locations integrated out: what sampler and reports need of it.
 
-    Coordinates are (W, d), near standard normal under the prior. Cells are parameter-major.
+    Coordinates are (W, d), near standard normal under the prior. Cells are sorted by quantity.
     Combinations of locations, and of new users, are rows of weights (L, R); by default each cell.
     """
 
     names: list[str]  # Of the coordinates
-    cells: tuple[tuple[str, str], ...]  # Parameter and environment
-    cell_rows: Array  # (C, R) Weights of each cell's location by itself
+    cells: tuple[tuple[str, str], ...]  # Quantity and cell of the design, by quantity
+    cell_rows: Array  # (cells, R) Weights of each cell's location by itself
     draws_per_pass: int  # Sets of coordinates worked on at once, so that the cache holds them
     priors_in_force: dict[str, float]  # By their names in `Priors`
     takes_options: bool = True  # Whether `Options` make it simpler
@@ -180,15 +180,15 @@ class LinearModel(Model):
         self.rows = Rows(statistics, design, self.priors.covariate_sd)
         self.locations = self.rows.locations
         self.cell_rows = np.eye(len(self.cells), self.locations)
-        effects = len(self.coordinates.own_slopes) * design.parameters
+        effect_count = len(self.coordinates.own_slopes) * design.parameters
         for term in design.subject:
-            effects += len(term.columns) * design.parameters
+            effect_count += len(term.columns) * design.parameters
         self._form: OneRow | SeveralPatterns
         if covariates is None and is_one_row(statistics, design):
             self._form = OneRow(statistics, design, self.rows.own, self.rows.fixed)
-            self.draws_per_pass = self._form.draws_per_pass(effects)
+            self.draws_per_pass = self._form.draws_per_pass(effect_count)
         else:
-            self._form = SeveralPatterns(statistics, self.rows, effects)
+            self._form = SeveralPatterns(statistics, self.rows, effect_count)
             self.draws_per_pass = self._form.draws_per_pass
         self._constant = statistics.constant
 
@@ -263,11 +263,11 @@ class LinearModel(Model):
             points = np.concatenate([points, points[-1:]])
         inside = np.all(np.abs(points) <= self.coordinates.limits, axis=1)
         # Points outside are computed at zero, so that no pass depends on how many there are.
-        coordinates = np.where(inside[:, None], points, 0.0)
+        inner_points = np.where(inside[:, None], points, 0.0)
         values = []
         # Draws far out overflow; they become NaN, which has no density.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
-            for part in self.passes(coordinates):
+            for part in self.passes(inner_points):
                 scales = self.linear_scales(part)
                 values.append(scales.log_prior + self.log_likelihood(scales.cells))
         value = np.concatenate(values)[:count]

@@ -49,7 +49,8 @@ Indices = NDArray[np.intp]
 #: Numbers in the largest temporary of a pass, 2 MB of doubles: with a quarter of them 24 subjects
 #: in 20 environments take twice as long for calls, with four times as many for memory.
 _NUMBERS = 1 << 18
-#: Draws of a pass at the least and at the most.
+#: Draws of a pass at the least, where calls of numpy would cost more than arithmetic, and at the
+#: most, where calls cost little already.
 _FEWEST_DRAWS = 128
 _MOST_DRAWS = 2048
 
@@ -87,8 +88,8 @@ class OneRow:
         subjects = np.zeros(cells)
         trials = np.ones(cells)
         mean = np.zeros((size, cells))
-        most = max(pattern.rows.shape[1] for pattern in statistics.patterns)
-        rows = np.zeros((most, size, cells))
+        most_rows = max(pattern.rows.shape[1] for pattern in statistics.patterns)
+        rows = np.zeros((most_rows, size, cells))
         for pattern in statistics.patterns:
             present = pattern.environments
             subjects[present] = pattern.subjects
@@ -112,15 +113,15 @@ class OneRow:
         Numbers of subjects are in it.
         """
         noise = self._noise(scales)
-        minus_twice = self._of_contrasts(noise, scales)
+        minus_twice = self._minus_twice_of_contrasts(noise, scales)
         effects = scales.effects / np.sqrt(self._subjects)
         if len(self._cells_of_environment) == 1:
             rows, log_determinant = self._rows_of_single_cells(noise, scales, effects)
         else:
-            own = self._regressed(noise, scales, effects)
-            rows = own.rows
+            regressed = self._regressed(noise, scales, effects)
+            rows = regressed.rows
             of_noise = noise.scaled(1.0 / self._subjects).log_determinant().sum(axis=0)
-            log_determinant = of_noise + 2.0 * log_diagonal(own.factor).sum(axis=0)
+            log_determinant = of_noise + 2.0 * log_diagonal(regressed.factor).sum(axis=0)
         joint = _products(rows)
         latents = len(joint) - 1
         factor = lower_factor(joint[:, :latents])
@@ -134,15 +135,15 @@ class OneRow:
     def solve(self, scales: CellScales) -> Latents:
         """Own deviations, effects and fixed columns' coefficients that fit best, and their law."""
         effects = scales.effects / np.sqrt(self._subjects)
-        own = self._regressed(self._noise(scales), scales, effects)
-        solved = Eliminated(own.factor, own.explained, _products(own.rows))
+        regressed = self._regressed(self._noise(scales), scales, effects)
+        solved = Eliminated(regressed.factor, regressed.explained, _products(regressed.rows))
         return Latents(solved, own_first=True, rest=len(self._fixed_and_mean) - 1)
 
     def draws_per_pass(self, effects: int) -> int:
         """Draws worked on at once, for so many columns of subjects' effects."""
-        most, environments = self._cells_of_environment.shape
+        most_cells, environments = self._cells_of_environment.shape
         own, size, _ = self._own.shape
-        rows = (size * most + own) * environments
+        rows = (size * most_cells + own) * environments
         numbers = max((effects + len(self._fixed_and_mean)) * rows, self._contrasts.size)
         return min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)
 
@@ -152,16 +153,16 @@ class OneRow:
             return scales.between
         return scales.between + scales.trial.scaled(1.0 / self._trials)
 
-    def _of_contrasts(self, noise: Block, scales: CellScales) -> Array:
+    def _minus_twice_of_contrasts(self, noise: Block, scales: CellScales) -> Array:
         """Log determinants and squares of the contrasts of subjects, summed: (W,)."""
-        others = self._subjects[:, 0] - 1.0
+        contrast_count = self._subjects[:, 0] - 1.0
         if not len(scales.effects):
             by_quantity = self._contrasts.swapaxes(0, 1)[..., None]
             squares = noise.distance(tuple(by_quantity)).sum(axis=0)
-            return np.asarray(squares + others @ noise.log_determinant())
+            return np.asarray(squares + contrast_count @ noise.log_determinant())
         covariance = SubjectCovariance(noise, scales.effects)
         squares = covariance.scatter_distance(self._contrasts)
-        return np.asarray(squares + others[0] * covariance.log_determinant)
+        return np.asarray(squares + contrast_count[0] * covariance.log_determinant)
 
     def _rows_of_single_cells(
         self,
@@ -184,8 +185,8 @@ class OneRow:
         """Columns regressed on own deviations, environment by environment."""
         of_mean = noise.scaled(1.0 / self._subjects)
         columns = self._own[..., None] * scales.tau[:, None, None]
-        nothing = np.zeros((0, *self._own.shape[1:]))
-        own = self._by_environment(_whitened(of_mean, columns, nothing))
+        no_columns = np.zeros((0, *self._own.shape[1:]))
+        own = self._by_environment(_whitened(of_mean, columns, no_columns))
         others = self._by_environment(_whitened(of_mean, effects, self._fixed_and_mean))
         return _Regressed(own, others)
 
@@ -194,8 +195,8 @@ class OneRow:
         no_cell = np.zeros_like(columns[:, :, :1])
         padded = np.concatenate([columns, no_cell], axis=2)
         apart = padded[:, :, self._cells_of_environment]
-        count, size, most, environments, width = apart.shape
-        return apart.reshape(count, size * most, environments, width)
+        count, size, most_cells, environments, width = apart.shape
+        return apart.reshape(count, size * most_cells, environments, width)
 
 
 class _Regressed:
@@ -227,9 +228,9 @@ def _whitened(
     count, size, cells, width = varying.shape
     rows = np.empty((count + len(constant), size, cells, width))
     # What is equal in all draws is not repeated for each.
-    for some, columns in ((rows[:count], varying), (rows[count:], constant[..., None])):
+    for target, columns in ((rows[:count], varying), (rows[count:], constant[..., None])):
         for p, part in enumerate(covariance.whiten(tuple(columns.swapaxes(0, 1)))):
-            some[:, p] = part
+            target[:, p] = part
     return rows
 
 
@@ -248,10 +249,10 @@ def _products(rows: Array) -> Array:
 def _cells_of_environment(design: Design) -> Indices:
     """Cells of each environment, (L, J); C, which is no cell, where one has fewer than L."""
     environment = design.cells.environment
-    number = len(design.cells.environments)
-    most = np.bincount(environment).max()
-    cells = np.full((most, number), len(environment))
-    for j in range(number):
+    environments = len(design.cells.environments)
+    most_cells = np.bincount(environment).max()
+    cells = np.full((most_cells, environments), len(environment))
+    for j in range(environments):
         of_environment = np.flatnonzero(environment == j)
         cells[: len(of_environment), j] = of_environment
     return cells

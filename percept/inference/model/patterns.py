@@ -72,12 +72,12 @@ class SeveralPatterns:
         draws = max(_NUMBERS // numbers, _FEWEST_DRAWS)
         self.draws_per_pass = min(draws, _MOST_DRAWS)
         #: Patterns of several subjects, with the kinds of their units.
-        self._shared = []
+        self._of_several = []
         self._constant = 0.0
         for g, pattern in enumerate(statistics.patterns):
             if pattern.subjects > 1:
                 kinds = rows.kind[rows.pattern == g]
-                self._shared.append((pattern, kinds))
+                self._of_several.append((pattern, kinds))
                 # Units are means times the root of the number of subjects.
                 log_root = 0.5 * math.log(pattern.subjects)
                 self._constant += rows.size * len(kinds) * log_root
@@ -89,12 +89,12 @@ class SeveralPatterns:
         """
         noise = self._rows.noise(scales)
         value = self._constant + _Solution(self._rows, scales, noise).log_density
-        for pattern, kinds in self._shared:
+        for pattern, kinds in self._of_several:
             effects = scales.effects[:, :, pattern.environments]
             covariance = SubjectCovariance(noise[kinds], effects)
             value -= 0.5 * covariance.scatter_distance(pattern.rows.swapaxes(0, 1))
-            others = pattern.subjects - 1.0
-            value -= 0.5 * others * covariance.log_determinant
+            contrast_count = pattern.subjects - 1.0
+            value -= 0.5 * contrast_count * covariance.log_determinant
         return np.asarray(value)
 
     def solve(self, scales: CellScales) -> _Solution:
@@ -129,7 +129,7 @@ class _Solution:
         self._own_first = len(self._effects) * rows.patterns < rows.deviations
         # Draws that lose all digits may become NaN here.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            solved, kept = self._solve()
+            solved, least_kept = self._solve()
             rest = rows.columns.shape[1] - rows.deviations
             self._latents = Latents(solved, own_first=self._own_first, rest=rest)
             self.best = self._latents.best
@@ -142,7 +142,7 @@ class _Solution:
             determinants = of_noise + solved.log_determinant
             self.log_density = -0.5 * (squares + determinants)
         #: Draws that have lost too many digits. NaN is lost too.
-        self._lost = np.flatnonzero(~(kept >= _LEAST_KEPT))
+        self._lost = np.flatnonzero(~(least_kept >= _LEAST_KEPT))
         self._exact: _Exact | None = None
         if self._lost.size:
             self._exact = self._by_orthogonal_factors()
@@ -153,7 +153,7 @@ class _Solution:
     def _solve(self) -> tuple[Eliminated, Array]:
         """Eliminate the larger group of unknowns, the data last everywhere."""
         rows = self._rows
-        own = len(rows.own)
+        own_columns = len(rows.own)
         deviations = rows.deviations
         effects, by_columns = self._products_of_effects()
         own_by_own, own_by_rest, rest_by_rest = self._products_of_latents()
@@ -164,9 +164,9 @@ class _Solution:
         count, _, patterns, width = by_columns.shape
         joint = _joint(with_prior(effects), of_rest, rest_by_rest)
         by_own = by_columns[:, :deviations]
-        by_environment = by_own.reshape(count, own, rows.environments, patterns, width)
+        by_environment = by_own.reshape(count, own_columns, rows.environments, patterns, width)
         own_by_effects = by_environment.transpose(1, 0, 3, 2, 4)
-        shape = (own, count * patterns, rows.environments, width)
+        shape = (own_columns, count * patterns, rows.environments, width)
         cross = np.concatenate([own_by_effects.reshape(shape), own_by_rest], axis=1)
         return eliminate(with_prior(own_by_own), cross, joint)
 
@@ -195,13 +195,13 @@ class _Solution:
         The latter two are (a, r + 1, J, W) and (r, r + 1, W).
         """
         rows = self._rows
-        own = len(rows.own)
+        own_columns = len(rows.own)
         rest = rows.columns.shape[1] - rows.deviations
         precision = np.concatenate(self._noise.precision_entries())
         flat = np.asarray(rows.own_by_own @ precision)
-        by_own = flat.reshape(own, own, rows.environments, self._width)
+        by_own = flat.reshape(own_columns, own_columns, rows.environments, self._width)
         flat = np.asarray(rows.own_by_rest @ precision)
-        by_rest = flat.reshape(own, rest + 1, rows.environments, self._width)
+        by_rest = flat.reshape(own_columns, rest + 1, rows.environments, self._width)
         of_rest = rows.rest_by_rest @ precision
         # Columns of the rest carry their SDs already.
         sd = self._tau[:, None, None]
@@ -299,23 +299,23 @@ class _Exact:
         by_quantity = tuple(whole.swapaxes(0, 1))
         whitened = np.stack(noise[rows.kind].whiten(by_quantity))
         by_draw = whitened.transpose(3, 2, 0, 1)  # (W, U, P, q + K + 1)
-        determinant = np.zeros(width)
+        log_determinant = np.zeros(width)
         left = [_unit_rows(size, size + 1, width)]
         for g in range(rows.patterns):
             of_pattern = by_draw[:, rows.pattern == g]
             flat = of_pattern.reshape(width, -1, len(whole))
             triangle = _triangle([flat, _unit_rows(count, len(whole), width)])
-            determinant += _log_pivots(triangle[:, :count, :count])
+            log_determinant += _log_pivots(triangle[:, :count, :count])
             left.append(triangle[:, count:, count:])
         triangle = _triangle(left)
-        determinant += _log_pivots(triangle[:, :size, :size])
+        log_determinant += _log_pivots(triangle[:, :size, :size])
         distance = np.zeros(width)
         if triangle.shape[1] > size:
             distance = triangle[:, size, size] ** 2
         #: R⁻¹, (W, K, K)
         self._inverse = np.linalg.inv(triangle[:, :size, :size])
         self.best = np.einsum("wkl,wl->kw", self._inverse, triangle[:, :size, size])
-        self.log_density = -determinant - 0.5 * distance
+        self.log_density = -log_determinant - 0.5 * distance
 
     def columns(self, weights: Array) -> Array:
         """Columns (K, L, W) of combinations with weights (K, L, W)."""

@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 #: Real root of x³ = x + 1: multiples of its powers fill the square evenly (Roberts 2018), which
 #: `scipy.stats.qmc` does for numbers of points that are powers of two alone.
 _PLASTIC = 1.32471795724474602596
-_STEPS = _PLASTIC ** np.array([-1.0, -2.0])
+_STEPS_IN_SQUARE = _PLASTIC ** np.array([-1.0, -2.0])
 #: Least probability whose normal score is taken: zero has none.
-_LEAST = 1e-12
+_LEAST_PROBABILITY = 1e-12
 
 
 def new_name(condition: str) -> str:
@@ -47,9 +47,9 @@ def trend_rows(model: LinearModel) -> dict[str, Array]:
         With one environment.
     """
     _refuse_one_environment(model)
-    nothing = np.zeros(model.design.parameters)
-    centre = new_cells(model.design, nothing, model.priors)
-    a_decade_above = new_cells(model.design, nothing + 1.0, model.priors)
+    at_mean = np.zeros(model.design.parameters)
+    centre = new_cells(model.design, at_mean, model.priors)
+    a_decade_above = new_cells(model.design, at_mean + 1.0, model.priors)
     heights = _location_rows(model, centre)
     slopes = _location_rows(model, a_decade_above) - heights
     rows = np.stack([heights, slopes], axis=1)
@@ -190,9 +190,9 @@ def _new_sds(
     by_draw = np.repeat(log_sigma.T[:, None], repeats, axis=1)
     if level.departures:
         # Standard normals that fill the square evenly, `repeats` in turn for each draw.
-        steps = np.multiply.outer(np.arange(width * repeats), _STEPS[:size])
+        steps = np.multiply.outer(np.arange(width * repeats), _STEPS_IN_SQUARE[:size])
         uniforms = (steps[:, None] + rng.random((cells, size))) % 1.0
-        normals = special.ndtri(np.clip(uniforms, _LEAST, 1.0 - _LEAST))
+        normals = special.ndtri(np.clip(uniforms, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY))
         omega = named["omega"].T[:, None, None]
         by_draw += omega * normals.reshape(by_draw.shape)
     return np.exp(by_draw)
@@ -209,7 +209,7 @@ def draw_prior(
     points = rng.standard_normal((draws, len(blank.names)))
     rows = model.rows
     cells = len(model.cells)
-    means = []
+    all_locations = []
     users = []
     for part in blank.passes(points):
         latent_sd = rows.latent_sd(blank.linear_scales(part).cells.tau)
@@ -217,6 +217,6 @@ def draw_prior(
         locations = (rows.basis[:cells] @ latents).T
         columns = blank.law(part).user_columns(blank.cell_rows)
         normals = rng.standard_normal(columns[:, 0].shape)
-        means.append(locations)
+        all_locations.append(locations)
         users.append(locations + np.einsum("wlk,wk->wl", columns, normals))
-    return blank.scales(points), np.concatenate(means), np.concatenate(users)
+    return blank.scales(points), np.concatenate(all_locations), np.concatenate(users)

@@ -111,25 +111,28 @@ def half_normal(u: Array, scale: Array | float) -> Array:
 
 
 def correlation(u: Array, shape: float = 2.0) -> tuple[Array, Array]:
-    """Map a standard normal to a correlation with (rho + 1)/2 ~ Beta(shape, shape)."""
-    lower = special.ndtr(-np.abs(u))
+    """Map a standard normal to a correlation rho with (rho + 1)/2 ~ Beta(shape, shape).
+
+    Returned are rho and 1 - abs(rho), with the digits that a rho near one loses.
+    """
+    tail = special.ndtr(-np.abs(u))
     if shape == 2.0:
         # The Beta(2, 2) quantile is trigonometric; near the end the angle's distance from pi/6 is
         # kept. 1 - abs(rho) is 2 sin²(angle/2) + sqrt(3) sin(angle).
-        half_angle = np.arcsin(np.sqrt(lower)) / 3.0
+        half_angle = np.arcsin(np.sqrt(tail)) / 3.0
         sine = np.sin(half_angle)
         rest = 2.0 * sine * (sine + np.sqrt(3.0 * (1.0 - sine * sine)))
     else:
-        rest = 2.0 * _beta_quantile(shape, lower)
+        rest = 2.0 * _beta_quantile(shape, tail)
     rest = np.minimum(rest, 1.0)
     # rho from its own distance to one: two forms would disagree by 1e-8 near the ends.
     return np.copysign(1.0 - rest, u), np.maximum(rest, _FLOOR)
 
 
-def _beta_quantile(shape: float, lower: Array) -> Array:
-    """Quantile of Beta(shape, shape) at a lower tail; scipy has none for tails far below 1e-100."""
-    quantile = np.asarray(special.betaincinv(shape, shape, lower))
-    log_first = (np.log(lower) + np.log(shape) + special.betaln(shape, shape)) / shape
-    first = np.exp(log_first)
-    series = first * (1.0 + (shape - 1.0) / (shape + 1.0) * first)
+def _beta_quantile(shape: float, tail: Array) -> Array:
+    """Quantile of Beta(shape, shape) at a lower tail; of tails far below 1e-100 scipy gives NaN."""
+    quantile = np.asarray(special.betaincinv(shape, shape, tail))
+    log_first_term = (np.log(tail) + np.log(shape) + special.betaln(shape, shape)) / shape
+    first_term = np.exp(log_first_term)
+    series = first_term * (1.0 + (shape - 1.0) / (shape + 1.0) * first_term)
     return np.where(np.isnan(quantile), series, quantile)

@@ -114,6 +114,7 @@ class Unpooled(Model):
         If a cell has one subject.
     """
 
+    #: Calls of numpy cost little by then: each draw has C numbers alone.
     draws_per_pass = 1024
 
     def __init__(

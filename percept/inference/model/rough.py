@@ -54,7 +54,7 @@ class RoughLikelihood(NamedTuple):
 
 
 class _Expansion(NamedTuple):
-    """The likelihood of log sigma about some value, (P, J) each."""
+    """The likelihood of log sigma about some value, (P, C) each."""
 
     share: Array
     excess: Array
@@ -88,8 +88,8 @@ def likelihood_between(
     cells = scatter.sd.shape[1]
     omega = _TYPICAL_OMEGA if cells > 1 else single_sd
     identity = np.eye(cells)
-    trend_covariance = np.swapaxes(loadings, 1, 2) @ loadings
-    precision = np.linalg.inv(trend_covariance + omega**2 * identity)  # (P, J, J)
+    column_covariance = np.swapaxes(loadings, 1, 2) @ loadings
+    precision = np.linalg.inv(column_covariance + omega**2 * identity)  # (P, C, C)
     log_sigma = np.full(scatter.sd.shape, centre)
     for _ in range(_NEWTON_STEPS):
         expansion = _expansion(scatter, log_sigma)
@@ -135,9 +135,9 @@ def likelihood_of_trials(statistics: Statistics) -> RoughLikelihood:
 class _CellScatter(NamedTuple):
     """Scatter of subjects' means in each cell: sd² has the mean sigma² + noise."""
 
-    sd: Array  # (P, J) SD of the means, zero where there is none
-    df: Array  # (P, J) Its degrees of freedom
-    noise: Array  # (P, J) Variance that the scatter of trials gives to a mean; zero without repeats
+    sd: Array  # (P, C) SD of the means, zero where there is none
+    df: Array  # (P, C) Its degrees of freedom
+    noise: Array  # (P, C) Variance that the scatter of trials gives to a mean; zero without repeats
 
 
 def _cell_scatter(
@@ -162,7 +162,7 @@ def _cell_scatter(
 def _within_subjects(statistics: Statistics, subject_columns: Array) -> tuple[Array, Array]:
     """SD and degrees of freedom of cell means about those of cells, and of subjects' columns.
 
-    The columns, (q, P, J), are those that each subject has a coefficient of. Their fit takes a
+    The columns, (q, P, C), are those that each subject has a coefficient of. Their fit takes a
     subject's degrees of freedom from the cells that it leans on, and the mean of a cell takes one
     from its subjects.
     """
@@ -195,8 +195,8 @@ def _noise_of_trials(statistics: Statistics) -> Array:
     all_squares = squares.sum(axis=1, keepdims=True)
     # An environment without repeats takes the variance that the others have together.
     pooled = all_squares / max(df.sum(), 1.0)
-    alone = squares / np.maximum(df, 1.0)
-    variance = np.where(df > 0, alone, pooled)
+    by_cell = squares / np.maximum(df, 1.0)
+    variance = np.where(df > 0, by_cell, pooled)
     subjects = np.zeros(df.size)
     inverse_trials = np.zeros(df.size)
     for pattern in statistics.patterns:

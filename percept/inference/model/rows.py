@@ -48,6 +48,8 @@ class Rows:
     ----------
     size, cells, environments, patterns : int
         Numbers P, C, J and G.
+    locations, deviations : int
+        Numbers R of locations, and a J of own deviations.
     own, fixed : ndarray
         Columns of own deviations, (a, P, C), and of fixed terms, (f, P, C).
     environment : ndarray of int
@@ -81,7 +83,6 @@ class Rows:
         self.patterns = len(statistics.patterns)
         self.own = columns_by_quantity(design.deviation, self.size, self.cells)
         self.fixed = columns_by_quantity(design.fixed, self.size, self.cells)
-        #: Number a J of own deviations.
         self.deviations = len(self.own) * self.environments
         slopes = 0
         if statistics.covariates is not None:
@@ -107,8 +108,8 @@ class Rows:
         between = scales.between[self._cell_of_kind]
         if scales.trial is None:
             return between
-        if not self._is_mean.all():
-            between = between.scaled(self._is_mean[:, None])
+        if not self._kind_is_mean.all():
+            between = between.scaled(self._kind_is_mean[:, None])
         trial = scales.trial[self._group_of_kind]
         of_a_mean = 1.0 / self._trials_of_kind[:, None]
         return between + trial.scaled(of_a_mean)
@@ -146,7 +147,7 @@ class Rows:
         self._trials = np.concatenate(trials)
         self._root_subjects = np.concatenate(root_subjects)
         self.data = self._root_subjects * np.concatenate(means, axis=1)
-        self._mean_units = np.ones(len(self.cell), dtype=bool)
+        self._unit_is_mean = np.ones(len(self.cell), dtype=bool)
         #: Of covariates, (M, U).
         self._values = np.zeros((0, len(self.cell)))
         within: list[int] = []
@@ -154,44 +155,44 @@ class Rows:
         if covariates is not None:
             within = [covariates.names.index(name) for name in covariates.within]
             self._append_trials(statistics, covariates)
-        of_means = self._mean_units.astype(float)
+        of_means = self._unit_is_mean.astype(float)
         self.multipliers = np.concatenate([of_means[None], self._values[within]])
 
     def _append_trials(self, statistics: Statistics, covariates: Covariates) -> None:
         """Append rows of trials, and take the covariates: each pattern is a subject."""
-        rows = len(covariates.row_cell)
+        row_count = len(covariates.row_cell)
         members = [pattern.members for pattern in statistics.patterns]
         member_of_unit = np.concatenate(members)[self.pattern]
-        of_means = covariates.mean[:, member_of_unit, self.cell]
-        of_rows = self.pattern_of_subject[covariates.row_subject]
-        self.pattern = np.append(self.pattern, of_rows)
+        values_of_means = covariates.mean[:, member_of_unit, self.cell]
+        pattern_of_row = self.pattern_of_subject[covariates.row_subject]
+        self.pattern = np.append(self.pattern, pattern_of_row)
         self.cell = np.append(self.cell, covariates.row_cell)
-        self._trials = np.append(self._trials, np.ones(rows))
-        self._root_subjects = np.append(self._root_subjects, np.zeros(rows))
-        self._mean_units = np.append(self._mean_units, np.zeros(rows, dtype=bool))
+        self._trials = np.append(self._trials, np.ones(row_count))
+        self._root_subjects = np.append(self._root_subjects, np.zeros(row_count))
+        self._unit_is_mean = np.append(self._unit_is_mean, np.zeros(row_count, dtype=bool))
         self.data = np.hstack([self.data, covariates.row_responses])
-        self._values = np.hstack([of_means, covariates.row_values])
+        self._values = np.hstack([values_of_means, covariates.row_values])
 
     def _set_kinds(self, scatter: TrialScatter) -> None:
         """Give every kind of units a number."""
         groups = np.zeros((self.cells, self.patterns), dtype=np.intp)
-        number = np.arange(len(scatter.cell))
+        group_number = np.arange(len(scatter.cell))
         if scatter.subject is None:
-            groups[scatter.cell] = number[:, None]
+            groups[scatter.cell] = group_number[:, None]
         else:
             patterns = self.pattern_of_subject[scatter.subject]
-            groups[scatter.cell, patterns] = number
+            groups[scatter.cell, patterns] = group_number
         self.trial_groups = groups
         of_units = groups[self.cell, self.pattern]
-        labels = np.stack([self._mean_units, self.cell, of_units, self._trials])
+        labels = np.stack([self._unit_is_mean, self.cell, of_units, self._trials])
         kinds, kind = np.unique(labels, axis=1, return_inverse=True)
         self.kind = kind.ravel()
-        self._is_mean = kinds[0]
+        self._kind_is_mean = kinds[0]
         self._cell_of_kind = kinds[1].astype(np.intp)
         self._group_of_kind = kinds[2].astype(np.intp)
         self._trials_of_kind = kinds[3]
         #: Means of each kind: degrees of freedom of trials are counted elsewhere.
-        self.means_of_kind = np.bincount(self.kind) * self._is_mean
+        self.means_of_kind = np.bincount(self.kind) * self._kind_is_mean
 
     def _set_basis(self, slopes: int, covariate_sd: float) -> None:
         """Store the locations that latents make."""
@@ -219,8 +220,8 @@ class Rows:
 
     def _apart(self, columns: Array, environment: Indices) -> Array:
         """Columns (a, P, n) of own deviations, environment by environment: (a J, P, n)."""
-        every = np.arange(self.environments)
-        inside = np.equal.outer(every, environment)
+        numbers = np.arange(self.environments)
+        inside = np.equal.outer(numbers, environment)
         apart = columns[:, None] * inside[:, None]
         return apart.reshape(-1, *columns.shape[1:])
 
@@ -229,11 +230,11 @@ class Rows:
         kinds = len(self.means_of_kind)
         environment_of_kind = self.environment[self._cell_of_kind]
         rest = np.concatenate([self._rest, self.data[None]])
-        everywhere = np.zeros(kinds, dtype=np.intp)
+        one_group = np.zeros(kinds, dtype=np.intp)
         #: Times the parts of precisions of all kinds, these give the information of the latents.
         self.own_by_own = self._products(self._own_units, self._own_units, environment_of_kind)
         self.own_by_rest = self._products(self._own_units, rest, environment_of_kind)
-        self.rest_by_rest = self._products(self._rest, rest, everywhere)
+        self.rest_by_rest = self._products(self._rest, rest, one_group)
 
     def _set_products_of_effects(self) -> None:
         """Sum products of multipliers, and of these with columns, by pattern and kind."""
@@ -274,10 +275,10 @@ class Rows:
         is_of_kind = np.equal.outer(self.kind, np.arange(kinds))
         to_kind = sparse.csr_array(is_of_kind.astype(float))
         # Entries of a precision: of the first quantity, of both, and of the second.
-        every = np.einsum("apu,bqu->pqabu", first, second)
-        parts = [every[0, 0]]
+        products = np.einsum("apu,bqu->pqabu", first, second)
+        parts = [products[0, 0]]
         if self.size == 2:
-            parts += [every[0, 1] + every[1, 0], every[1, 1]]
+            parts += [products[0, 1] + products[1, 0], products[1, 1]]
         sums = [part.reshape(-1, len(self.kind)) @ to_kind for part in parts]
         by_kind = np.stack(sums)
         part, pair, kind = np.nonzero(by_kind)

@@ -42,9 +42,10 @@ Axis = tuple[str, Sequence[str]]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
-#: Names of the scales of a term that enters all cells; a factor adds its own name.
-_OF_LEVEL = {"sigma": "sigma_u", "rho": "rho_u", "tau": "tau"}
-_OF_FACTOR = {"sigma": "sigma_v", "rho": "rho_v", "tau": "tau"}
+#: Symbols of the scales of the term that enters all cells alike, and of a factor's, which adds its
+#: own name.
+_SYMBOLS_OF_LEVEL = {"sigma": "sigma_u", "rho": "rho_u", "tau": "tau"}
+_SYMBOLS_OF_FACTOR = {"sigma": "sigma_v", "rho": "rho_v", "tau": "tau"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -173,26 +174,26 @@ class Coordinates:
         for level in self.levels:
             self._name_level(level, quantities)
             if pair:
-                self._name(level.rho)
+                self._append(level.rho)
         if self._subject_spreads is not None:
             subjects = ("subject", statistics.subjects)
             # A rough likelihood of weight w shortens the unit of a coordinate by √(1 + w).
             unit = np.sqrt(1.0 + self._subject_spreads.weight.max())
-            self._name("phi", quantities, subjects, standard=False, unit=unit)
-            self._name("omega_s", quantities, half_normal=priors.omega_s_scale)
-        own = [(_name_of("sigma", term), _name_of("rho", term)) for term in design.subject]
-        own += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self.own_slopes]
+            self._append("phi", quantities, subjects, standard=False, unit=unit)
+            self._append("omega_s", quantities, half_normal=priors.omega_s_scale)
+        of_subjects = [(_name_of("sigma", term), _name_of("rho", term)) for term in design.subject]
+        of_subjects += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self.own_slopes]
         of_trend = f"sigma_v:{TREND}"
-        for sigma, rho in own:
+        for sigma, rho in of_subjects:
             scale = priors.sigma_trend_scale if sigma == of_trend else priors.sigma_u_scale
-            self._name(sigma, quantities, half_normal=scale)
+            self._append(sigma, quantities, half_normal=scale)
             if pair:
-                self._name(rho)
+                self._append(rho)
         for term in design.deviation:
-            self._name(_name_of("tau", term), quantities, half_normal=priors.tau_scale)
+            self._append(_name_of("tau", term), quantities, half_normal=priors.tau_scale)
         for term in design.effect_size:
             columns = (f"{term.name} column", numbered("column", len(term.columns)))
-            self._name(f"eta:{term.name}", quantities, columns)
+            self._append(f"eta:{term.name}", quantities, columns)
 
     def _name_level(self, level: CellSpreads, quantities: Axis) -> None:
         """Name the coordinates of log SDs, but for their correlation."""
@@ -201,14 +202,14 @@ class Coordinates:
         if level.departures:
             cells = ("environment", self._design.cells.names)
             units = np.sqrt(1.0 + level.weight.ravel())
-            self._name(sigma, quantities, cells, standard=False, unit=units)
+            self._append(sigma, quantities, cells, standard=False, unit=units)
         for coefficient in level.coefficients:
-            self._name(coefficient, quantities)
+            self._append(coefficient, quantities)
         if level.departures and level.single_sd is None:
             scale = getattr(self._priors, f"omega{level.suffix}_scale")
-            self._name(f"omega{level.suffix}", quantities, half_normal=scale)
+            self._append(f"omega{level.suffix}", quantities, half_normal=scale)
 
-    def _name(
+    def _append(
         self,
         scale: str,
         *axes: Axis,
@@ -281,7 +282,9 @@ class Coordinates:
         for term in self._design.deviation:
             # A term may have several columns, each once for every quantity.
             taus += [named[_name_of("tau", term)]] * len(term.columns)
-        sizes = [named[f"eta:{t.name}"] / self._priors.psi_sd for t in self._design.effect_size]
+        sizes = [
+            named[f"eta:{term.name}"] / self._priors.psi_sd for term in self._design.effect_size
+        ]
         covariances = []
         for term in self._design.subject:
             sd = named[_name_of("sigma", term)]
@@ -325,8 +328,8 @@ class Coordinates:
             columns[:, k] = coordinates[self.slots[name]]
         if level.departures:
             of_cells = self._by_quantity(f"sigma{suffix}", coordinates)
-            alone = np.full((len(of_cells), coordinates.shape[1]), level.single_sd or 0.0)
-            omega = named.get(f"omega{suffix}", alone)
+            fixed_omega = np.full((len(of_cells), coordinates.shape[1]), level.single_sd or 0.0)
+            omega = named.get(f"omega{suffix}", fixed_omega)
             spreads = level(columns, of_cells, omega, shift)
         else:
             spreads = level.without_departures(columns)
@@ -345,8 +348,8 @@ class Coordinates:
 def _name_of(symbol: str, term: Term) -> str:
     """Name of a scale of a term: sigma_u, and sigma_v:hand for the factor `hand`."""
     if term.name == LEVEL:
-        return _OF_LEVEL[symbol]
-    return f"{_OF_FACTOR[symbol]}:{term.name}"
+        return _SYMBOLS_OF_LEVEL[symbol]
+    return f"{_SYMBOLS_OF_FACTOR[symbol]}:{term.name}"
 
 
 def _covariance(

@@ -100,11 +100,11 @@ class CellSpreads:
     coefficients : list of str
         Names of the coefficients of log sigma, one for each column.
     departures : bool
-        Whether log SDs scatter about their columns.
+        Whether log SDs scatter about what their columns give.
     centre : float
         Prior mean of log sigma.
     single_sd : float or None
-        SD of that scatter without columns; otherwise it is estimated.
+        SD of log sigma in a study of one cell, which has no columns; None where it is estimated.
     rho : str
         Name of the correlation of the level.
     weight : ndarray
@@ -132,26 +132,25 @@ class CellSpreads:
         self.single_sd = None if terms else log_s_sd
         self.centre = getattr(priors, f"log_s{suffix}_mean")
         columns = [term.columns for term in terms]
-        nothing = np.zeros((0, *design.cells.x.shape))
+        no_columns = np.zeros((0, *design.cells.x.shape))
         #: (P, K, C)
-        self._loadings = np.moveaxis(np.concatenate([nothing, *columns]), 1, 0)
+        self._loadings = np.moveaxis(np.concatenate([no_columns, *columns]), 1, 0)
         if suffix:
             rough = likelihood_of_trials(statistics)
         else:
-            nothing = np.zeros((0, *design.cells.x.shape))
             of_subjects = [term.columns for term in design.subject if term.name in names]
             rough = likelihood_between(
                 statistics,
                 self._loadings,
                 self.centre,
                 log_s_sd,
-                subject_columns=np.concatenate([nothing, *of_subjects]),
+                subject_columns=np.concatenate([no_columns, *of_subjects]),
             )
         self.weight = rough.weight
         self._maps = []
-        for p, of_quantity in enumerate(self._loadings):
-            of_map = SpreadMap(self.centre, of_quantity, rough.mean[p], self.weight[p])
-            self._maps.append(of_map)
+        for p, loadings in enumerate(self._loadings):
+            spread_map = SpreadMap(self.centre, loadings, rough.mean[p], self.weight[p])
+            self._maps.append(spread_map)
 
     def __call__(
         self,
@@ -174,8 +173,8 @@ class CellSpreads:
             What is added to the means of the rough likelihood, (P, C or 1, W).
         """
         spreads = []
-        for p, of_quantity in enumerate(self._maps):
-            spreads.append(of_quantity(columns[p], cells[p], omega[p], shift[p]))
+        for p, spread_map in enumerate(self._maps):
+            spreads.append(spread_map(columns[p], cells[p], omega[p], shift[p]))
         return LogSpreads(
             log_sigma=np.stack([quantity.log_sigma for quantity in spreads]),
             multiples=np.stack([quantity.multiples for quantity in spreads]),
@@ -230,7 +229,7 @@ class SpreadMap:
 
     def __call__(
         self,
-        trend: Array,
+        coefficients: Array,
         u: Array,
         omega: Array,
         shift: Array | float = 0.0,
@@ -288,7 +287,7 @@ class SpreadMap:
         # The turned coefficients are independent given log sigma, with these means and SDs.
         conditional_mean = self._sizes * whitened_along
         conditional_sd = omega / np.sqrt(variance_along)
-        turned = conditional_mean + conditional_sd * (self._rotated.T @ trend)
+        turned = conditional_mean + conditional_sd * (self._rotated.T @ coefficients)
         return LogSpreads(
             log_sigma=self._centre + about_columns + omega * e,
             multiples=self._rotated @ turned,

@@ -37,7 +37,7 @@ _LOG_2PI = math.log(2.0 * math.pi)
 class Pattern:
     """Subjects who share one vector of trial counts, and so one covariance of cell means."""
 
-    environments: Indices  # (E,) Environments these subjects were measured in
+    environments: Indices  # (E,) Cells these subjects were measured in
     trials: Array  # (E,) Trials per cell
     members: Indices  # (N,) The subjects
     mean: Array  # (P, E) Mean over the subjects of their cell means
@@ -70,7 +70,7 @@ class Covariates:
 
     names: tuple[str, ...]
     within: tuple[str, ...]  # Those that vary within subjects, who have slopes of their own
-    mean: Array  # (M, N, C) Means of each subject's trials, zero where there is no cell
+    mean: Array  # (M, N, J) Means of each subject's trials, zero where there is no cell
     row_subject: Indices  # (n,) Of n rows of trials about the mean of their cell
     row_cell: Indices  # (n,)
     row_values: Array  # (M, n) Of the covariates
@@ -82,7 +82,7 @@ class Statistics:
     """Sufficient statistics of the hierarchical model."""
 
     parameters: tuple[str, ...]  # "k", "b" or both
-    environments: tuple[str, ...]  # Labels
+    environments: tuple[str, ...]  # Labels of the cells: environments at each level of factors
     subjects: tuple[str, ...]  # Labels
     x: Array  # (P, J) log10 of each reference over the geometric mean of the references
     patterns: tuple[Pattern, ...]  # Distinct patterns of trial counts
@@ -174,8 +174,10 @@ def from_trials(
     deviation = response - means[cell]
     triangles = [triangle(deviation[environment == j]).T for j in range(len(environments))]
     cell_means = np.ascontiguousarray(means.reshape(*shape, -1).swapaxes(1, 2))
-    sd, df = _between(cell_means)
-    scatter = _of_cells(np.stack(triangles, axis=2), np.maximum(counts - 1.0, 0.0).sum(axis=0))
+    sd, df = _sd_between(cell_means)
+    scatter = _pooled_scatter(
+        np.stack(triangles, axis=2), np.maximum(counts - 1.0, 0.0).sum(axis=0)
+    )
     return Statistics(
         parameters=parameters,
         environments=environments,
@@ -215,8 +217,8 @@ def from_summary(
             rows=np.reshape(root_scatter, (1, 1, 1)),
         )
         patterns.append(pattern)
-    size = len(environments)
-    scatter = _of_cells(np.zeros((1, 1, size)), np.zeros(size))
+    cells = len(environments)
+    scatter = _pooled_scatter(np.zeros((1, 1, cells)), np.zeros(cells))
     return Statistics(
         parameters=(parameter,),
         environments=environments,
@@ -228,7 +230,7 @@ def from_summary(
         scatter=scatter,
         sd=np.reshape(sd, (1, -1)),
         df=np.reshape(n, (1, -1)) - 1.0,
-        cell_means=np.empty((0, 1, size)),
+        cell_means=np.empty((0, 1, cells)),
     )
 
 
@@ -242,8 +244,8 @@ def group_means(
     means = np.zeros((groups, values.shape[1]))
     # A second pass over the deviations: the first mean's rounding does not reach the scatter.
     for _ in range(2):
-        rest = values - means[group]
-        sums = [np.bincount(group, weights=column, minlength=groups) for column in rest.T]
+        about_means = values - means[group]
+        sums = [np.bincount(group, weights=column, minlength=groups) for column in about_means.T]
         means += np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None]
     means[counts == 0] = np.nan
     return means
@@ -256,7 +258,7 @@ def triangle(rows: Array) -> Array:
     return np.pad(factor, ((0, size - len(factor)), (0, 0)))
 
 
-def _of_cells(rows: Array, df: Array) -> TrialScatter:
+def _pooled_scatter(rows: Array, df: Array) -> TrialScatter:
     """Scatter between trials of the cells, subjects pooled."""
     return TrialScatter(
         cell=np.arange(len(df)),
@@ -278,9 +280,9 @@ def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
         mean = values.mean(axis=0)
         mean = mean + (values - mean).mean(axis=0)
         flat = (values - mean).reshape(members.size, -1)
-        few = members.size <= flat.shape[1]
+        fewer_rows = members.size <= flat.shape[1]
         # Helmert contrasts: N - 1 rows with the scatter of N rows about their mean.
-        rows = linalg.helmert(len(flat)) @ flat if few else triangle(flat)
+        rows = linalg.helmert(len(flat)) @ flat if fewer_rows else triangle(flat)
         by_parameter = rows.reshape(len(rows), *mean.shape).transpose(1, 0, 2)
         pattern = Pattern(
             environments=present,
@@ -293,15 +295,15 @@ def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
     return patterns
 
 
-def _between(cell_means: Array) -> tuple[Array, Array]:
+def _sd_between(cell_means: Array) -> tuple[Array, Array]:
     """SD between subjects of the cell means (N, P, J), and its degrees of freedom, each (P, J)."""
     present = np.isfinite(cell_means)
     n = present.sum(axis=0)
     divisor = np.maximum(n, 1)
     mean = np.where(present, cell_means, 0.0).sum(axis=0) / divisor
     # Once more about that mean: equal values must have an SD of exactly zero.
-    rest = np.where(present, cell_means - mean, 0.0)
-    mean = mean + rest.sum(axis=0) / divisor
+    about_mean = np.where(present, cell_means - mean, 0.0)
+    mean = mean + about_mean.sum(axis=0) / divisor
     squares = np.where(present, (cell_means - mean) ** 2, 0.0).sum(axis=0)
     sd = np.sqrt(squares / np.maximum(n - 1, 1))
     return sd, np.maximum(n - 1.0, 0.0)

@@ -54,17 +54,17 @@ class _Table:
         cells: int,
     ) -> _Table:
         """Spread groups of trials over subjects and cells."""
-        groups = scatter.squares
-        size = len(groups)
+        of_groups = scatter.squares
+        size = len(of_groups)
         squares = np.zeros((size, subjects, cells))
-        squares[:, scatter.subject, scatter.cell] = groups
+        squares[:, scatter.subject, scatter.cell] = of_groups
         df = np.zeros((subjects, cells))
         df[scatter.subject, scatter.cell] = scatter.df
         of_subject = squares.sum(axis=2, keepdims=True)
         return cls(squares, np.where(of_subject > 0.0, df, 0.0))
 
-    def of_subjects(self) -> Array:
-        """Log SDs of subjects over those of the cells, (P, N)."""
+    def rough_log_sds(self) -> Array:
+        """Log SDs of subjects less those of the cells, fitted to one another in turns, (P, N)."""
         size, subjects, _ = self.squares.shape
         rough = np.zeros((size, subjects))
         squares_by_cell = self.squares.swapaxes(1, 2)
@@ -80,7 +80,7 @@ def _log_sd(
     df: Array,
     log_other: Array,
 ) -> Array:
-    """Log SDs along the last axis, once the others' log SDs are divided out.
+    """Log SDs along the last axis, once the SDs of the axis before it are divided out.
 
     Squares and df are (P, N, C) and give (P, C) from log SDs (P, N), or the other way round.
     """
@@ -120,7 +120,7 @@ def chance_of_differences(
     """
     table = _Table.of(scatter, subjects, cells)
     half_df = 0.5 * table.df.sum(axis=2)
-    log_sds = table.of_subjects()
+    log_sds = table.rough_log_sds()
     chances = []
     for p in range(len(log_sds)):
         informed = half_df[p] > 0.0
@@ -139,8 +139,8 @@ def _chance_of(log_sd: Array, half_df: Array) -> float:
     mean = np.average(unbiased, weights=weight)
     departure = unbiased - mean
     squares = departure**2 @ weight
-    free = len(log_sd) - 1
-    return float(special.chdtrc(free, squares))
+    df = len(log_sd) - 1
+    return float(special.chdtrc(df, squares))
 
 
 class SubjectSpreads:
@@ -164,7 +164,7 @@ class SubjectSpreads:
         self._table = table
         df = table.df.sum(axis=2)
         self.weight = 2.0 * df  # (P, N) w
-        log_sds = table.of_subjects()
+        log_sds = table.rough_log_sds()
         self._rough_log_sd = np.where(df > 0.0, log_sds, 0.0)  # (P, N) l
 
     def __call__(self, coordinates: Array, omega: Array) -> tuple[Array, Array]:
@@ -195,8 +195,8 @@ class SubjectSpreads:
             direction = direction / np.sqrt(np.einsum("nw,nw->w", direction, direction))
             shares = weight / root**2
             g = np.sqrt(total / shares.sum(axis=0))
-            mean = (weight * rough).sum() / total
-            pull = omega * weight * (rough - mean) / root
+            mean_rough = (weight * rough).sum() / total
+            pull = omega * weight * (rough - mean_rough) / root
             pull_along = np.einsum("nw,nw->w", direction, pull)
             v_along = np.einsum("nw,nw->w", direction, v)
             along = (g**2 - 1.0) * pull_along + (g - 1.0) * v_along
@@ -217,6 +217,6 @@ class SubjectSpreads:
             unadjusted = squares.sum(axis=0)[:, None]
             has_scatter = (adjusted > 0.0) & (unadjusted > 0.0)
             unmoved = np.ones_like(adjusted)
-            ratio = np.divide(adjusted, unadjusted, out=unmoved, where=has_scatter)
-            moves.append(0.5 * np.log(ratio))
+            variance_ratio = np.divide(adjusted, unadjusted, out=unmoved, where=has_scatter)
+            moves.append(0.5 * np.log(variance_ratio))
         return np.stack(moves)

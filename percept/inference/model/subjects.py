@@ -41,14 +41,14 @@ def trial_groups(model: LinearModel) -> Indices:
 
 
 def cells_of_subjects(model: LinearModel) -> NDArray[np.bool_]:
-    """Whether a cell is of a subject's own levels between subjects, (N, C)."""
+    """Whether a cell is of the levels that a subject has of factors between subjects, (N, C)."""
     factors = model.design.factors
-    own = np.ones((len(model.statistics.subjects), model.rows.cells), dtype=bool)
+    belongs = np.ones((len(model.statistics.subjects), model.rows.cells), dtype=bool)
     for name in factors.between_subjects:
         level = factors.level[name]
         for pattern in model.statistics.patterns:
-            own[pattern.members] &= np.isin(level, level[pattern.environments])
-    return own
+            belongs[pattern.members] &= np.isin(level, level[pattern.environments])
+    return belongs
 
 
 def subject_laws(model: LinearModel, points: Array) -> SubjectLaws:
@@ -83,7 +83,7 @@ def draw_subject_effects(
     locations: Array,
     rng: np.random.Generator,
 ) -> Array | None:
-    """Draw what every subject adds, averaged over the cells of its own groups.
+    """Draw what every subject adds, averaged over the cells of its levels between subjects.
 
     Parameters
     ----------
@@ -124,13 +124,13 @@ def _effects_of_pass(
     cell_means = model.statistics.cell_means
     beta = locations.T.reshape(laws.mean.shape)  # (P, C, W)
     effects = np.empty((len(locations), len(cell_means), len(beta)))
-    own_cells = cells_of_subjects(model)
+    cells_of_subject = cells_of_subjects(model)
     patterns = zip(model.statistics.patterns, laws.covariances, strict=True)
     for pattern, covariance in patterns:
         present = pattern.environments
         residual = cell_means[pattern.members][:, :, present, None] - beta[:, present]
-        own = own_cells[pattern.members[0]]
-        average_columns = laws.effects[:, :, own].mean(axis=2)  # (q, P, W)
+        is_own = cells_of_subject[pattern.members[0]]
+        average_columns = laws.effects[:, :, is_own].mean(axis=2)  # (q, P, W)
         latents = covariance.draw_effects(residual, rng)  # (q, n, W)
         effects[:, pattern.members] = np.einsum("qnw,qpw->wnp", latents, average_columns)
     return effects

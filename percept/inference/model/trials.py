@@ -54,12 +54,12 @@ def by_subject(
     Statistics
         Its scatter between trials is less what the covariates explain.
     """
-    apart = dataclasses.replace(statistics, patterns=tuple(_apart(statistics)))
+    by_pattern = dataclasses.replace(statistics, patterns=tuple(_patterns_by_subject(statistics)))
     if own_trial_sds:
-        apart = dataclasses.replace(apart, scatter=trial_scatter(*trials))
+        by_pattern = dataclasses.replace(by_pattern, scatter=trial_scatter(*trials))
     if values is None:
-        return apart
-    return _with_covariates(apart, trials, covariates, values)
+        return by_pattern
+    return _with_covariates(by_pattern, trials, covariates, values)
 
 
 def trial_scatter(
@@ -92,17 +92,17 @@ def trial_scatter(
     )
 
 
-def _apart(statistics: Statistics) -> list[Pattern]:
+def _patterns_by_subject(statistics: Statistics) -> list[Pattern]:
     """Give every subject a pattern of its own."""
     patterns = []
     for pattern in statistics.patterns:
         for member in pattern.members:
             mean = statistics.cell_means[member][:, pattern.environments]
             no_rows = np.zeros((len(mean), 0, pattern.environments.size))
-            alone = dataclasses.replace(
+            of_member = dataclasses.replace(
                 pattern, members=np.array([member]), mean=mean, rows=no_rows
             )
-            patterns.append(alone)
+            patterns.append(of_member)
     return patterns
 
 
@@ -121,33 +121,36 @@ def _with_covariates(
     values = np.where(varies, values - means_of_subjects[subject], values)
     means = np.zeros((len(names), len(statistics.subjects), cells))
     means[:, subject, cell] = group_means(values, group, group.max() + 1)[group].T
-    # Of these columns departures from the cell's mean are left.
+    # Of these covariates trials depart from the mean of their cell.
     varies_in_cell = _varies(values, group)
-    known = int(varies_in_cell.sum())
+    varying = int(varies_in_cell.sum())
     departures = _departures(np.hstack([values[:, varies_in_cell], response]), group)
     _, first, number = np.unique(group, return_index=True, return_inverse=True)
     triangles = _triangles(departures, number, len(first))
-    rows = triangles[:, :known].reshape(-1, departures.shape[1])
+    rows = triangles[:, :varying].reshape(-1, departures.shape[1])
     informed = rows.any(axis=1)
     row_values = np.zeros((len(names), len(rows)))
-    row_values[varies_in_cell] = rows[:, :known].T
+    row_values[varies_in_cell] = rows[:, :varying].T
     covariates = Covariates(
         names=names,
-        within=tuple(name for name, own in zip(names, varies, strict=True) if own),
+        within=tuple(name for name, is_within in zip(names, varies, strict=True) if is_within),
         mean=means,
-        row_subject=np.repeat(subject[first], known)[informed],
-        row_cell=np.repeat(cell[first], known)[informed],
+        row_subject=np.repeat(subject[first], varying)[informed],
+        row_cell=np.repeat(cell[first], varying)[informed],
         row_values=row_values[:, informed],
-        row_responses=rows[informed, known:].T,
+        row_responses=rows[informed, varying:].T,
     )
-    unexplained = triangles[:, known:, known:]
+    unexplained = triangles[:, varying:, varying:]
     if statistics.scatter.subject is None:
         size = response.shape[1]
         unexplained = _triangles(unexplained.reshape(-1, size), np.repeat(cell[first], size), cells)
     scatter = dataclasses.replace(statistics.scatter, rows=unexplained.transpose(2, 1, 0))
-    left = _without_own_slopes(departures[:, :known], departures[:, known:], subject, cell)
-    trial_rows = _triangles(left, cell, cells).transpose(2, 1, 0)
-    trial_rows[..., statistics.trial_df <= known] = 0.0
+    about_slopes = _without_own_slopes(
+        departures[:, :varying], departures[:, varying:], subject, cell
+    )
+    trial_rows = _triangles(about_slopes, cell, cells).transpose(2, 1, 0)
+    # As many slopes as degrees of freedom leave rounding alone.
+    trial_rows[..., statistics.trial_df <= varying] = 0.0
     return dataclasses.replace(
         statistics, scatter=scatter, trial_rows=trial_rows, covariates=covariates
     )
@@ -160,15 +163,15 @@ def _without_own_slopes(
     cell: Indices,
 ) -> Array:
     """Departures of responses (trials, P) less what slopes of each subject explain of them."""
-    left = np.zeros_like(responses)
+    unexplained = np.zeros_like(responses)
     for i in np.unique(subject):
-        own = subject == i
-        df = own.sum() - len(np.unique(cell[own]))
+        is_subject = subject == i
+        df = is_subject.sum() - len(np.unique(cell[is_subject]))
         # As many covariates as degrees of freedom explain all scatter: the rest is rounding.
         if df > values.shape[1]:
-            slopes, *_ = np.linalg.lstsq(values[own], responses[own], rcond=None)
-            left[own] = responses[own] - values[own] @ slopes
-    return left
+            slopes, *_ = np.linalg.lstsq(values[is_subject], responses[is_subject], rcond=None)
+            unexplained[is_subject] = responses[is_subject] - values[is_subject] @ slopes
+    return unexplained
 
 
 def _varies(values: Array, group: Indices) -> NDArray[np.bool_]:
