@@ -11,6 +11,7 @@ from scipy import special
 from percept.errors import RefusalError
 from percept.inference.classical.moments import Moments
 from percept.inference.model.model import LinearModel, Model, plain_model
+from percept.inference.model.priors import Priors
 from percept.inference.model.product import Product, Unpooled
 from percept.inference.model.statistics import from_summary
 from percept.inference.sampling.endpoints import mixture_limits
@@ -107,29 +108,18 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
 def _refuse_ruling_prior(model: LinearModel, data: Data) -> None:
     """Refuse one cell whose interval is far wider by the prior of the spread than by the data.
 
-    Both intervals are those of the mean. That of the model has normal laws over the posterior of
-    log sigma: its prior times sigma^-df exp(-df sd²/(2 sigma²)).
+    Both intervals are those of the mean.
     """
     if len(model.design.cells.names) > 1:
         return
-    priors = model.priors
     statistics = model.statistics
     tail = 0.5 * (1.0 - data.asked.level)
-    df = np.broadcast_to(statistics.df, statistics.sd.shape)
     for p, parameter in enumerate(statistics.parameters):
         sd = statistics.sd[p, 0]
+        df = statistics.df[p, 0]
         if sd == 0.0:
             continue
-        highest = max(np.log(sd), priors.log_s_mean) + _GRID_MARGIN
-        log_sigma = np.linspace(np.log(sd) - _GRID_MARGIN, highest, _GRID_POINTS)
-        z = (log_sigma - priors.log_s_mean) / priors.log_s_sd
-        of_data = log_sigma + 0.5 * np.exp(2.0 * (np.log(sd) - log_sigma))
-        log_density = -0.5 * z * z - df[p, 0] * of_data
-        cumulative = np.cumsum(np.exp(log_density - log_density.max()))
-        shares = np.linspace(0.0, cumulative[-1], _GRID_POINTS)
-        sigma = np.exp(np.interp(shares, cumulative, log_sigma))[:, None]
-        _, half_width, _ = mixture_limits(np.zeros_like(sigma), sigma, tail)
-        times = -half_width[0] / (sd * special.stdtrit(df[p, 0], tail))
+        times = -_scaled_half_width(sd, df, model.priors, tail) / (sd * special.stdtrit(df, tail))
         if times > _MOST_WIDENED:
             label = data.quantities[parameter].label
             raise RefusalError(
@@ -140,6 +130,24 @@ def _refuse_ruling_prior(model: LinearModel, data: Data) -> None:
                     ' pooling = "none".'
                 ),
             )
+
+
+def _scaled_half_width(sd: float, df: float, priors: Priors, tail: float) -> float:
+    """Half-width of the model's interval of one cell's mean, times the root of its subjects.
+
+    The mean has normal laws over the posterior of log sigma: its prior times
+    sigma^-df exp(-df sd²/(2 sigma²)).
+    """
+    highest = max(np.log(sd), priors.log_s_mean) + _GRID_MARGIN
+    log_sigma = np.linspace(np.log(sd) - _GRID_MARGIN, highest, _GRID_POINTS)
+    z = (log_sigma - priors.log_s_mean) / priors.log_s_sd
+    of_data = log_sigma + 0.5 * np.exp(2.0 * (np.log(sd) - log_sigma))
+    log_density = -0.5 * z * z - df * of_data
+    cumulative = np.cumsum(np.exp(log_density - log_density.max()))
+    shares = np.linspace(0.0, cumulative[-1], _GRID_POINTS)
+    sigma = np.exp(np.interp(shares, cumulative, log_sigma))[:, None]
+    _, half_width, _ = mixture_limits(np.zeros_like(sigma), sigma, tail)
+    return float(half_width[0])
 
 
 def _side_by_side(parts: list[Prepared]) -> Prepared:

@@ -141,7 +141,24 @@ def limits_of(
     kind: str,
     wanted: Sequence[Name],
 ) -> tuple[Array, Array]:
-    """Pick the values, or errors, of lower and upper limits of one kind by name, (L,) each."""
+    """Pick the limits of one kind, or what else belongs to them, by name.
+
+    Parameters
+    ----------
+    names : sequence of str
+        As `Limits.estimates` gives them.
+    values : ndarray
+        Of each name: limits, or their errors.
+    kind : str
+        Of `KINDS`.
+    wanted : sequence of (str, str)
+        The L cells or combinations.
+
+    Returns
+    -------
+    lower, upper : ndarray
+        Shape (L,) each.
+    """
     by_name = dict(zip(names, values.tolist(), strict=True))
     lower = [by_name[_limit_name("lower", kind, name)] for name in wanted]
     upper = [by_name[_limit_name("upper", kind, name)] for name in wanted]

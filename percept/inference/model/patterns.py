@@ -69,8 +69,7 @@ class SeveralPatterns:
         self._rows = rows
         latents = rows.columns.shape[1]
         numbers = latents * rows.patterns * max(effects, 1)
-        draws = max(_NUMBERS // numbers, _FEWEST_DRAWS)
-        self.draws_per_pass = min(draws, _MOST_DRAWS)
+        self.draws_per_pass = min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)
         #: Patterns of several subjects, with the kinds of their units.
         self._of_several = []
         self._constant = 0.0

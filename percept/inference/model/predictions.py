@@ -203,7 +203,24 @@ def draw_prior(
     draws: int,
     rng: np.random.Generator,
 ) -> tuple[Named, Array, Array]:
-    """Draw scales by name, and population means and new users (draws, P C), before any data."""
+    """Draw what a model says before any data.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Whose design and priors are taken.
+    draws : int
+        Number of draws.
+    rng : Generator
+        Where they come from.
+
+    Returns
+    -------
+    Named
+        Scales and correlations by name.
+    locations, users : ndarray
+        Population means and new users of all cells, (draws, P C) each.
+    """
     # Without observed scatter every coordinate is standard normal a priori.
     blank = LinearModel(model.statistics.without_scatter(), model.design, model.priors)
     points = rng.standard_normal((draws, len(blank.names)))

@@ -124,7 +124,7 @@ def _expansion(scatter: _CellScatter, log_sigma: Array) -> _Expansion:
 def likelihood_of_trials(statistics: Statistics) -> RoughLikelihood:
     """Rough likelihood of the log SDs between trials: their scatter has no noise."""
     squares = (statistics.trial_rows**2).sum(axis=1)
-    df = np.broadcast_to(statistics.trial_df, squares.shape)
+    df = statistics.trial_df
     sd = np.sqrt(squares / np.maximum(df, 1))
     return RoughLikelihood(
         mean=np.log(np.where(sd > 0, sd, 1.0)),

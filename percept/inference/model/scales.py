@@ -294,12 +294,11 @@ class Coordinates:
             sd = named[f"sigma_v:{covariate}"]
             slopes.append(_covariance(sd, f"rho_v:{covariate}", named, rests))
         effects = effect_columns(covariances, sizes, self._design)
-        shape = (*self._design.cells.x.shape, width)
         return CellScales(
             between=_covariance(sigma, "rho_w", named, rests),
             trial=trial,
             covariances=covariances,
-            effects=np.reshape(effects, (len(effects), *shape)),
+            effects=np.reshape(effects, (len(effects), *self._design.cells.x.shape, width)),
             sizes=sizes,
             slopes=slopes,
             tau=np.reshape(taus, (len(taus) * self._design.parameters, width)),

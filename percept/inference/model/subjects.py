@@ -36,12 +36,35 @@ class SubjectLaws:
 
 
 def trial_groups(model: LinearModel) -> Indices:
-    """Group of trials of every subject in every cell, (N, C)."""
+    """Look up the group of trials of every subject in every cell.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Of N subjects in C cells.
+
+    Returns
+    -------
+    ndarray of int
+        Shape (N, C): the cell itself where subjects are pooled; else zero for a subject without
+        trials there.
+    """
     return model.rows.trial_groups[:, model.rows.pattern_of_subject].T
 
 
 def cells_of_subjects(model: LinearModel) -> NDArray[np.bool_]:
-    """Whether a cell is of the levels that a subject has of factors between subjects, (N, C)."""
+    """Find the cells of each subject's levels of the factors between subjects.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Of N subjects in C cells.
+
+    Returns
+    -------
+    ndarray of bool
+        Shape (N, C); true throughout without such factors.
+    """
     factors = model.design.factors
     belongs = np.ones((len(model.statistics.subjects), model.rows.cells), dtype=bool)
     for name in factors.between_subjects:
@@ -52,7 +75,19 @@ def cells_of_subjects(model: LinearModel) -> NDArray[np.bool_]:
 
 
 def subject_laws(model: LinearModel, points: Array) -> SubjectLaws:
-    """Laws of every subject's cell means at coordinates (W, d)."""
+    """Work out the laws of all subjects' cell means.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Of subjects.
+    points : ndarray
+        Coordinates (W, d), few enough for the processor's cache.
+
+    Returns
+    -------
+    SubjectLaws
+    """
     scales = model.linear_scales(points).cells
     observed = model.with_resolution(scales)
     law = model.law(points)
