@@ -216,6 +216,7 @@ class BoundaryDrawing:
         return self._frames[environment]
 
     def _grid(self, environment: str) -> Array:
+        """Return frequencies, rad/s, dense about resonances unless the scene sets their number."""
         lower = self._table.lower
         upper = self._table.upper
         if self._table.points:
@@ -228,6 +229,7 @@ class BoundaryDrawing:
         return omega[finite]
 
     def _frame(self, environment: str, omega: Array) -> _Frame:
+        """Return what all curves of an environment share at frequencies, rad/s."""
         reference = self._setup.curve(environment, omega, coupled=False)
         coupled = None
         if self._setup.coupling is not None:
@@ -250,6 +252,7 @@ class BoundaryDrawing:
         return self._curves_on_grid[law]
 
     def _around(self, region: Region, frame: _Frame) -> Iterator[Boundary]:
+        """Yield the curves around a region of (k, b)."""
         # An ellipse has no corners.
         shapes: tuple[Shape, ...] = ("corner", "envelope") if region.limits else ("envelope",)
         for shape in shapes:

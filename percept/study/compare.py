@@ -157,6 +157,7 @@ def _bands(first: Study, second: Study) -> Iterator[BandPair]:
 
 
 def _same_sessions(first: Sessions, second: Sessions) -> bool:
+    """Whether the columns that both have hold the same rows."""
     if first.form != second.form or first.quantities != second.quantities:
         return False
     columns = [name for name in first.table if name in second.table]

@@ -169,6 +169,7 @@ class _Values:
             yield self._row(comparison, ratio, "spread", ratio.n, ratio.p_value)
 
     def _named(self, comparison: Comparison) -> str:
+        """Name a comparison in words."""
         where = f"in {comparison.environment}" if comparison.environment else "overall"
         return f"contrast of {self.label}, {comparison.versus}, {where}"
 

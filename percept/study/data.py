@@ -168,6 +168,7 @@ class Data:
 
     @cached_property
     def _tables(self) -> dict[str, pd.DataFrame]:
+        """Rows of the sessions by environment."""
         return dict(self.sessions.by_environment())
 
     def means(self, environment: str, *parameters: str, family: Family) -> Array:
@@ -244,6 +245,7 @@ class Data:
         )
 
     def _values_of_cell(self, environment: str, parameter: str) -> CellValues:
+        """Make a record of subjects' means in one cell, in the parameter's unit."""
         subjects, adjusted = self._adjusted(environment, (parameter,))
         values = subject_means(adjusted[:, 0], subjects).values.tolist() if len(subjects) else []
         moments = Moments.from_values(values) if len(values) > 1 else None

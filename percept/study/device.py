@@ -43,7 +43,7 @@ from percept.study.regions import Region
 #: Curves around a rectangle of (k, b), by shape.
 BOXES = {"corner": haptics.corner_curves, "envelope": haptics.magnitude_envelope}
 _NO_DEVICE = "the scene has no [device]"
-_RESPONSE = ("omega", "real", "imaginary")
+_RESPONSE_COLUMNS = ("omega", "real", "imaginary")
 #: Rows of a measured device that a grid starts from, at most twice as many.
 _MOST_ROWS = 128
 #: Devices drawn, at most: 20 lie beyond a limit with a tail of 0.5 %. A power of two: Sobol's
@@ -200,7 +200,7 @@ def read_response(path: str, limits: FileLimits) -> TabulatedDevice:
     """Read a CSV of a measured device: omega (rad/s) and Z_d, real and imaginary (N·s/m)."""
     try:
         table = csv_frame(path, limits)
-        for name in _RESPONSE:
+        for name in _RESPONSE_COLUMNS:
             if name not in table.columns:
                 columns = ", ".join(table.columns)
                 raise UsageError(f"the column is missing; there are {columns}.", column=name)
@@ -272,6 +272,7 @@ def _read_draws(file: str, parameters: tuple[str, ...], limits: FileLimits) -> A
         values = pd.to_numeric(table[name], errors="coerce").to_numpy(float)
         wrong = np.flatnonzero(~((values > 0.0) & np.isfinite(values)))
         if wrong.size:
+            # Files count rows from one, below a row of names.
             row = int(wrong[0])
             raise UsageError(
                 "must be a positive number.",
@@ -373,4 +374,5 @@ def _best_regions(setup: Setup, regions: Sequence[Region], family: str) -> list[
 
 
 def _rank(region: Region, family: str) -> tuple[bool, bool, bool]:
+    """How a rectangle ranks among those of its environment: a larger rank is better."""
     return region.kind == "user", region.method == "bayesian", region.family == family

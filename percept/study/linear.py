@@ -196,17 +196,26 @@ def _weighed(model: LinearModel, data: Data, p: int, comparison: Comparison, of:
         return Contrast(quantities[p], comparison, of, row, len(present))
     weights = comparison.row(keys)
     row[p * len(keys) : (p + 1) * len(keys)] = weights
-    subjects = present[:, weights != 0.0].any(axis=1)
-    if comparison.within:
-        # Those with all levels at some reference.
-        subjects = np.zeros(len(present), dtype=bool)
-        for environment in comparison.references:
-            here = np.array([name == environment for name, _ in keys])
-            sides = [
-                side for side in (here & (weights > 0.0), here & (weights < 0.0)) if side.any()
-            ]
-            subjects |= np.all([present[:, side].any(axis=1) for side in sides], axis=0)
-    return Contrast(quantities[p], comparison, of, row, int(subjects.sum()))
+    subjects = _subjects_behind(comparison, keys, weights, present)
+    return Contrast(quantities[p], comparison, of, row, subjects)
+
+
+def _subjects_behind(
+    comparison: Comparison, keys: Sequence[CellKey], weights: Array, present: NDArray[np.bool_]
+) -> int:
+    """Count the subjects of a comparison, given who has trials in which cell, (N, C).
+
+    Any weighed cell will do, but a comparison within subjects needs both its sides at some
+    reference.
+    """
+    if not comparison.within:
+        return int(present[:, weights != 0.0].any(axis=1).sum())
+    subjects = np.zeros(len(present), dtype=bool)
+    for environment in comparison.references:
+        here = np.array([name == environment for name, _ in keys])
+        sides = [side for side in (here & (weights > 0.0), here & (weights < 0.0)) if side.any()]
+        subjects |= np.all([present[:, side].any(axis=1) for side in sides], axis=0)
+    return int(subjects.sum())
 
 
 def _refuse_options(scene: Scene) -> None:

@@ -165,6 +165,7 @@ class _Judge:
         self._searched = frequencies(setup, name, relative_sd(users), scene)
 
     def _first(self, draws: int) -> Users:
+        """Return the first of the draws of users, which are in random order."""
         return self.users.select(slice(0, draws))
 
     def confirm(self, coupling: Coupling) -> Evidence:

@@ -91,8 +91,7 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
     has_own_sds = own_trial_sds(trials, data.scene)
     model, compared = linear_model(trials, data, own_trial_sds=has_own_sds is True)
     _refuse_ruling_prior(model, data)
-    skipped = list(trials.skipped)
-    skipped += [skip for skip in (has_own_sds, *compared) if isinstance(skip, Skipped)]
+    skipped = [skip for skip in (has_own_sds, *compared) if isinstance(skip, Skipped)]
     return Prepared(
         data=data,
         model=model,
@@ -100,7 +99,7 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
         counts=np.isfinite(trials.statistics.cell_means).sum(axis=0).ravel(),
         repeats=trials.statistics.repeats,
         trials=trials,
-        skipped=tuple(skipped),
+        skipped=(*trials.skipped, *skipped),
         contrasts=tuple(contrast for contrast in compared if isinstance(contrast, Contrast)),
     )
 

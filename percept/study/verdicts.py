@@ -347,7 +347,7 @@ def more_subjects(scores: Array, subjects: int, *, central: float, decision: flo
     Returns
     -------
     MoreSubjects
-        The smallest number, up to 1,000, that decides with a probability of 0.8.
+        The smallest number, up to 1,000, that decides with the probability `ASSURANCE`.
     """
     edge = score_of(central)
     scores = np.minimum(scores, _FARTHEST)
@@ -355,6 +355,7 @@ def more_subjects(scores: Array, subjects: int, *, central: float, decision: flo
     for_not = -special.ndtri((1.0 - decision) / PARTS)
 
     def probability(more: int) -> float:
+        """Probability that so many further subjects decide."""
         root_n = np.sqrt(subjects + more)
         at_edge = np.sqrt(1.0 + 0.5 * edge**2) / root_n
         error = np.sqrt(1.0 + 0.5 * scores**2) / root_n
@@ -371,6 +372,7 @@ def more_subjects(scores: Array, subjects: int, *, central: float, decision: flo
 
 
 def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvidence:
+    """Make a record of the Bayesian evidence."""
     by_central = zip(CENTRALS, found.by_central, strict=True)
     return PosteriorEvidence(
         outcome=found.outcome(decision, subjects),
@@ -387,6 +389,7 @@ def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvide
 
 
 def _confidences(found: Confidence, family: Family, decision: float) -> Confidences:
+    """Make a record of the classical evidence."""
     return Confidences(
         outcome=found.verdict(decision),
         family=family,

@@ -119,7 +119,7 @@ class Block:
         return tuple(part / np.sqrt(variance) for part, variance in pairs)
 
     def distance(self, r: Vector) -> Array:
-        """Return the sum of r'A⁻¹r over the first axis of r, per entry."""
+        """Return r'A⁻¹r per entry, summed over the first axis of r's components."""
         distance: Array | float = 0.0
         for part, variance in zip(self._remainders(r), self.variances, strict=True):
             squares = np.einsum("k...,k...->...", part, part)

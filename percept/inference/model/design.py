@@ -225,11 +225,9 @@ def _scaled(
     other_sd: float,
 ) -> tuple[Term, ...]:
     """Multiply the columns of terms by the prior SDs of their coefficients; all others have one."""
-    scaled = []
-    for term in terms:
-        columns = term.columns * prior_sds.get(term.name, other_sd)
-        scaled.append(dataclasses.replace(term, columns=columns))
-    return tuple(scaled)
+    return tuple(
+        Term(term.name, term.columns * prior_sds.get(term.name, other_sd)) for term in terms
+    )
 
 
 def _effect(
@@ -243,9 +241,7 @@ def _effect(
         of_levels = contrast_columns(len(factors.levels[name]))
         of_cells = of_levels[factors.level[name]]
         columns_by_factor.append(of_cells.T)
-    products = []
-    for columns in itertools.product(*columns_by_factor):
-        products.append(np.prod(columns, axis=0))
+    products = [np.prod(columns, axis=0) for columns in itertools.product(*columns_by_factor)]
     shape = (len(products), *cells.x.shape)
     every_quantity = np.broadcast_to(np.stack(products)[:, None], shape)
     return Term(":".join(factor_names), every_quantity)
@@ -283,9 +279,7 @@ def new_cells(
         environments=(*cells.environments, ""),
         x=np.repeat(x[:, None], len(examples), axis=1),
     )
-    level = {}
-    for name, of_cells in factors.level.items():
-        level[name] = of_cells[examples]
+    level = {name: of_cells[examples] for name, of_cells in factors.level.items()}
     return design_of(added, dataclasses.replace(factors, level=level), priors, design.options)
 
 
@@ -299,11 +293,8 @@ def _first_cells(cells: Cells, factors: Factors) -> Indices:
 
 def _condition_name(factors: Factors, cell: int) -> str:
     """Levels of a cell, joined."""
-    labels = []
-    for name, level in factors.level.items():
-        of_factor = factors.levels[name]
-        labels.append(of_factor[level[cell]])
-    return ", ".join(labels)
+    levels = factors.level.items()
+    return ", ".join(factors.levels[name][of_cells[cell]] for name, of_cells in levels)
 
 
 def columns_by_quantity(

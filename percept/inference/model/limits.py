@@ -131,6 +131,7 @@ def _limit_name(
     kind: str,
     name: Name,
 ) -> str:
+    """Name a limit in words, as messages show it."""
     quantity, where = name
     return f"{end} {kind} limit of {quantity} in {where}"
 

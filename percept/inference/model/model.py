@@ -183,13 +183,14 @@ class LinearModel(Model):
         effect_count = len(self.coordinates.own_slopes) * design.parameters
         for term in design.subject:
             effect_count += len(term.columns) * design.parameters
-        self._form: OneRow | SeveralPatterns
+        #: Density and latents given the scales.
+        self._given_scales: OneRow | SeveralPatterns
         if covariates is None and is_one_row(statistics, design):
-            self._form = OneRow(statistics, design, self.rows.own, self.rows.fixed)
-            self.draws_per_pass = self._form.draws_per_pass(effect_count)
+            self._given_scales = OneRow(statistics, design, self.rows.own, self.rows.fixed)
+            self.draws_per_pass = self._given_scales.draws_per_pass(effect_count)
         else:
-            self._form = SeveralPatterns(statistics, self.rows, effect_count)
-            self.draws_per_pass = self._form.draws_per_pass
+            self._given_scales = SeveralPatterns(statistics, self.rows, effect_count)
+            self.draws_per_pass = self._given_scales.draws_per_pass
         self._constant = statistics.constant
 
     def _priors_in_use(self) -> dict[str, float]:
@@ -209,13 +210,9 @@ class LinearModel(Model):
             used.add("lambda")
         if self.statistics.covariates is not None:
             used.add("covariate")
-        in_use = {}
-        for name, value in vars(self.priors).items():
-            # "log_s_mean" and "log_s_sd" are priors of "log_s".
-            quantity, _, _ = name.rpartition("_")
-            if quantity in used:
-                in_use[name] = value
-        return in_use
+        # "log_s_mean" and "log_s_sd" are priors of "log_s".
+        fields = vars(self.priors).items()
+        return {name: value for name, value in fields if name.rpartition("_")[0] in used}
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides density and locations."""
@@ -277,7 +274,7 @@ class LinearModel(Model):
     def log_likelihood(self, scales: CellScales) -> Array:
         """Log density of the data given scales, locations and subject effects integrated out."""
         observed = self.with_resolution(scales)
-        value = self._constant + self._form.log_density(observed)
+        value = self._constant + self._given_scales.log_density(observed)
         if observed.trial is None:
             return value
         scatter = self.statistics.scatter
@@ -302,7 +299,7 @@ class LinearModel(Model):
         """Law of the locations and of users at coordinates (W, d) of one pass."""
         scales = self.linear_scales(points).cells
         observed = self.with_resolution(scales)
-        return LinearLaw(self.rows, scales, lambda: self._form.solve(observed))
+        return LinearLaw(self.rows, scales, lambda: self._given_scales.solve(observed))
 
 
 def plain_model(

@@ -128,6 +128,7 @@ def _side_by_side(parts: list[Joint]) -> Joint:
 
 
 def _refuse_one_environment(model: LinearModel) -> None:
+    """Refuse a study without a trend over environments."""
     if len(model.design.cells.environments) < 2:
         raise RefusalError(
             "one environment shows no trend to predict others from.",

@@ -152,6 +152,11 @@ class SubjectSpreads:
         Of every subject by itself.
     subjects, cells : int
         Numbers of subjects N and of cells C.
+
+    Attributes
+    ----------
+    weight : ndarray
+        Weights w of the rough likelihood of phi, (P, N); zero where it says nothing.
     """
 
     def __init__(
