@@ -189,16 +189,10 @@ class Data:
     @cached_property
     def cells(self) -> dict[Family, list[Cell]]:
         """Cells on the scale of each family, parameter by parameter."""
-        by_family: dict[Family, list[Cell]] = {}
-        for family in FAMILIES:
-            by_family[family] = [
-                self._cell(name, parameter, family)
-                for parameter in self.parameters
-                for name in self.environments
-            ]
-        return by_family
+        cells = list(itertools.product(self.parameters, self.environments))
+        return {family: [self._cell(*cell, family) for cell in cells] for family in FAMILIES}
 
-    def _cell(self, environment: str, parameter: str, family: Family) -> Cell:
+    def _cell(self, parameter: str, environment: str, family: Family) -> Cell:
         """Make a cell of its moments, or of why there are none, such as no scatter."""
         quantity = self.quantities[parameter]
         if self.sessions.form == "summary":
@@ -285,10 +279,8 @@ class Data:
         """
         if self.sessions.form != "trials":
             return ()
-        rows: list[SubjectRow] = []
-        for parameter in self.sessions.parameters:
-            rows += self._subject_rows(parameter)
-        return tuple(rows)
+        by_parameter = map(self._subject_rows, self.sessions.parameters)
+        return tuple(itertools.chain.from_iterable(by_parameter))
 
     def _subject_rows(self, parameter: str) -> Iterator[SubjectRow]:
         """Yield what every subject adjusted of one quantity."""

@@ -125,10 +125,11 @@ def referenced(data: Data) -> Iterator[str | Skipped]:
             yield Skipped("boundaries", why)
         return
     for environment in data.environments:
-        lacking = []
-        for parameter in data.parameters:
-            if not np.isfinite(data.reference[parameter, environment]):
-                lacking.append(data.quantities[parameter].label)
+        lacking = [
+            data.quantities[parameter].label
+            for parameter in data.parameters
+            if not np.isfinite(data.reference[parameter, environment])
+        ]
         if lacking:
             what = f"boundaries and band of {environment}"
             yield Skipped(what, f"it has no reference {' and '.join(lacking)}")

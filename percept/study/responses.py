@@ -255,7 +255,11 @@ def resolution_of(trials: Trials, scene: Scene) -> Resolution | None:
 def lacking_scatter(
     statistics: Statistics, steps: Collection[str], quantities: Quantities
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Find cells (P, J) whose lack of scatter a step makes up for; or refuse."""
+    """Find cells (P, J) whose lack of scatter a step makes up for; or refuse.
+
+    Scatter lacks between subjects and between trials: where all values of a quantity are equal, and
+    where those of two are in proportion.
+    """
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
     for what, is_still in (
