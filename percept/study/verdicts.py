@@ -53,11 +53,9 @@ _VERDICT_COLUMNS = (
 )  # fmt: skip
 #: Most draws of the posterior: a probability of 0.95 is known to 0.003 by them.
 MOST_DRAWS = 4096
-#: Half of a resonance's relative width over the relative SD of k between users, as omega goes with
-#: the root of k; and its least and its most.
+#: Half a resonance's relative width per relative SD of k (omega goes with its root), and the least.
 _HALF_WIDTH_PER_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
-_MOST_HALF_WIDTH = 1.0
 #: A mean of zero counts as this when an SD is put in proportion to it.
 _LEAST_MEAN = 1e-300
 #: Probability with which the wanted number decides; as in plans of interval widths.
@@ -169,7 +167,7 @@ def frequencies(setup: Setup, environment: str, relative_sd: float, scene: Scene
     if isinstance(setup.loop.device, TabulatedDevice):
         # A table's rows are all there is to see.
         half_width = 0.0
-    half_widths = np.full(resonances.shape[-1], min(half_width, _MOST_HALF_WIDTH))
+    half_widths = np.full(resonances.shape[-1], min(half_width, 1.0))
     return search_grid(scene.frequency.lower, scene.frequency.upper, resonances, half_widths)
 
 
@@ -179,7 +177,6 @@ def relative_sd(users: Users) -> float:
 
 
 def _relative(mean: float, sd: float, *, log: bool) -> float:
-    """SD relative to a mean; of logarithms it is that already."""
     return sd if log else sd / max(abs(mean), _LEAST_MEAN)
 
 
@@ -355,7 +352,6 @@ def more_subjects(scores: Array, subjects: int, *, central: float, decision: flo
     for_not = -special.ndtri((1.0 - decision) / PARTS)
 
     def probability(more: int) -> float:
-        """Probability that so many further subjects decide."""
         root_n = np.sqrt(subjects + more)
         at_edge = np.sqrt(1.0 + 0.5 * edge**2) / root_n
         error = np.sqrt(1.0 + 0.5 * scores**2) / root_n
@@ -364,11 +360,8 @@ def more_subjects(scores: Array, subjects: int, *, central: float, decision: flo
         return float((real + does_not).mean())
 
     count = 1 + bisect.bisect_left(range(1, _MOST_MORE + 1), ASSURANCE, key=probability)
-    return MoreSubjects(
-        subjects=count if count <= _MOST_MORE else None,
-        assurance=ASSURANCE,
-        most=_MOST_MORE,
-    )
+    wanted = count if count <= _MOST_MORE else None
+    return MoreSubjects(subjects=wanted, assurance=ASSURANCE, most=_MOST_MORE)
 
 
 def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvidence:
@@ -448,10 +441,10 @@ def verdict_table(verdicts: Sequence[Verdict], rendering: Sequence[Rendered]) ->
             found.append(("classical", verdict.classical.outcome, verdict.classical.least))
         if verdict.bayesian is not None:
             found.append(("bayesian", verdict.bayesian.outcome, verdict.bayesian.probability))
-        can = rendered[verdict.environment, verdict.coupled]
+        display = (verdict.environment, verdict.coupled)
+        can = rendered[display]
         for method, outcome, probability in found:
             outcome = "cannot be rendered" if can == "cannot" else outcome
-            display = (verdict.environment, verdict.coupled)
             rows.append((*display, method, can, outcome, probability, more))
     table = pd.DataFrame(rows, columns=_VERDICT_COLUMNS)
     return table.astype({"coupled": bool, "probability": float, "more": "Int64"})
