@@ -36,20 +36,29 @@ def csv_tables(results: Results) -> dict[str, str]:
     -------
     dict of str to str
         CSV with a row per record, or per frequency of a curve. Columns are called as the fields of
-        report.json; a field of a record within a record as PART_FIELD. A table without rows is
-        absent.
+        report.json; a field of a record within a record as PART_FIELD. The outcome of what cannot
+        be rendered says so. A table without rows is absent.
     """
-    tables: dict[str, Sequence[object]] = {name: getattr(results, name) or () for name in _CSV}
+    tables: dict[str, Sequence[Any]] = {name: getattr(results, name) or () for name in _CSV}
     tables["data"] = results.data.cells
     tables["subjects"] = results.data.people
     tables["band"] = results.band.rows if results.band else ()
     tables["memberships"] = results.coupling.memberships if results.coupling else ()
-    return {f"{name}.csv": _csv(records) for name, records in tables.items() if records}
+    rows = {
+        name: [dict(_flat(dataclasses.asdict(record))) for record in records]
+        for name, records in tables.items()
+    }
+    cannot = {
+        (row.environment, row.coupled) for row in results.rendering or () if row.verdict == "cannot"
+    }
+    for row in rows["verdicts"]:
+        if (row["environment"], row["coupled"]) in cannot:
+            row |= {name: "cannot be rendered" for name in row if name.endswith("outcome")}
+    return {f"{name}.csv": _csv(of_table) for name, of_table in rows.items() if of_table}
 
 
-def _csv(records: Sequence[Any]) -> str:
-    """Write records; columns that only some of them have stand where they first come."""
-    rows = [dict(_flat(dataclasses.asdict(record))) for record in records]
+def _csv(rows: Sequence[dict[str, object]]) -> str:
+    """Write rows; columns that only some of them have stand where they first come."""
     heads = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -70,6 +70,22 @@ def test_a_record_in_a_record_has_columns_of_both_names(classical):
         assert row["coupled"] == str(verdict.coupled).lower()
 
 
+def test_no_table_calls_real_what_cannot_be_rendered(classical):
+    results = as_results(classical)
+    cannot = {
+        (row.environment, row.coupled) for row in results.rendering if row.verdict == "cannot"
+    }
+    outcomes = {}
+    for row in rows_of(csv_tables(results)["verdicts.csv"]):
+        display = row["environment"], row["coupled"] == "true"
+        outcomes.setdefault(display in cannot, set()).update(
+            (row["outcome"], row["classical_outcome"])
+        )
+    assert outcomes[True] == {"cannot be rendered"}
+    assert "feels real" in outcomes[False] | {row.outcome for row in results.verdicts}
+    assert "cannot be rendered" not in outcomes[False]
+
+
 def test_text_that_a_spreadsheet_would_run_is_neutralised(classical):
     document = copy.deepcopy(classical)
     for row in document["intervals"]:
