@@ -42,13 +42,13 @@ _SINE_WEIGHTS = 0.5 * np.pi * _WEIGHTS * np.cos(_ANGLES)
 _ROUGHNESS_ORDERS = 6
 _POLYNOMIALS = np.polynomial.legendre.legvander(_NODES, _NODE_COUNT - 1)
 _HIGHEST_POLYNOMIALS = _POLYNOMIALS[:, -_ROUGHNESS_ORDERS:]
-# Weights of a table's points: for both ends of an interval, each between two rows and two columns.
+# Points of a table that one node's interval is read from: at both ends, two rows by two columns.
 _TERMS_PER_NODE = 8
 # Balls that hold more are worked out by what they leave out, which alone has digits in the tail.
 # The jump at this content moves no limit: upper limits hold more than half, lower ones less, and a
 # search needs only the side right.
 _LARGE_BALL = 0.5
-# Squares of magnitudes, (N·s/m)², that count as zero, and still have a logarithm.
+# Squares of magnitudes, (N·s/m)², below this count as zero: it still has a logarithm.
 _LEAST_SQUARE = BEYOND**-2
 # Where the grid of an axis begins and ends.
 _FIRST_PLACE = np.zeros(1)
@@ -249,14 +249,14 @@ class Balls:
         In a large ball what it leaves out is what counts. The outer variable's own distribution is
         known exactly.
         """
-        margin = self.law.cumulated[inner][:, -1]
-        step = 1.0 / (margin.size - 1)
-        up_to_row = integrate.cumulative_trapezoid(margin, dx=step, initial=0)
-        row, fraction = cell_and_fraction(slices.outer, margin.size)
-        by_nodes = slices.integral(between(margin, row, fraction))
-        # The margin is straight between the table's rows, as it is for the nodes.
-        row, fraction = cell_and_fraction(slices.span, margin.size)
-        mean_density = between(margin, row, 0.5 * fraction)
+        marginal = self.law.cumulated[inner][:, -1]
+        step = 1.0 / (marginal.size - 1)
+        up_to_row = integrate.cumulative_trapezoid(marginal, dx=step, initial=0)
+        row, fraction = cell_and_fraction(slices.outer, marginal.size)
+        by_nodes = slices.integral(between(marginal, row, fraction))
+        # The marginal density is straight between the table's rows, as it is for the nodes.
+        row, fraction = cell_and_fraction(slices.span, marginal.size)
+        mean_density = between(marginal, row, 0.5 * fraction)
         up_to_end = up_to_row[row] + fraction * mean_density * step
         exact = up_to_end[:, 1] - up_to_end[:, 0]
         return np.asarray(exact - by_nodes)
@@ -356,7 +356,7 @@ def _interpolate(
     row_fraction: Array,
     place: Array,
 ) -> _Interpolated:
-    """Interpolate a table (rows, columns) so far over rows, and at places along its columns."""
+    """Interpolate a table (rows, columns) between rows by fractions, and at places along these."""
     columns = table.shape[1]
     column, fraction = cell_and_fraction(place, columns)
     flat = table.ravel()

@@ -35,9 +35,9 @@ __all__ = [
 #: Parameters of each law, in order.
 LAWS: dict[str, tuple[str, ...]] = {"weber": ("w",), "offset": ("c", "w"), "power": ("w", "p")}
 _NAMES = {"weber": "Weber's law", "offset": "the law with an offset", "power": "the power law"}
-# Ratios c/w at which the search for an offset starts: half an e-fold apart.
+# Ratios c/w at which the search for an offset starts: each some 1.6 times the last.
 _GRID_POINTS = 61
-# Of log(c/w) they reach so far below the smallest size: an offset there is none.
+# How far they reach below the smallest size, in log(c/w): an offset there is none.
 _BELOW = 12.0
 # And so far above the largest: from e^16 on, c + w|Z| is constant to the digits a band has.
 _ABOVE = 16.0
@@ -90,7 +90,8 @@ def band_laws(
     Yields
     ------
     BandLaw
-        None where a law fitted to sizes close together leaves the range of doubles.
+        One of each law. There is none where any law, fitted to sizes close together, leaves the
+        range of doubles.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         drawn = {}
@@ -203,8 +204,8 @@ def _error_sentence(law: str, errors: dict[str, float]) -> str:
         rank = "no law of the three does clearly better"
     if law == _clearly_ahead(errors):
         rank = "it is ahead of both other laws"
-    off = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
-    return f"With one reference left out, {off}; {rank}."
+    typically = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
+    return f"With one reference left out, {typically}; {rank}."
 
 
 def _clearly_ahead(errors: dict[str, float]) -> str | None:
@@ -269,7 +270,7 @@ def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Arra
     return np.log(ratio), np.stack(fits)
 
 
-def _fit_offset(impedance: Array, y: Array) -> Array:
+def _fit_offset(impedance: Array, log_bands: Array) -> Array:
     """Minimise over the ratio c/w: given it, log w is a mean; one search for all sets."""
     lowest = np.log(impedance.min()) - _BELOW
     highest = np.log(impedance.max()) + _ABOVE
@@ -277,23 +278,25 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
 
     def misfit(log_ratio: Array) -> Array:
         """Return the squared distance of each set (S,) at ratios (points, S)."""
-        return (y - np.log(np.exp(log_ratio)[..., None] + impedance)).var(axis=-1)
+        return (log_bands - np.log(np.exp(log_ratio)[..., None] + impedance)).var(axis=-1)
 
     def slope(log_ratio: Array, which: NDArray[np.intp]) -> Array:
         """Return the slope of half of it, whose zero has twice the digits of its minimum."""
         offset = np.exp(log_ratio)[:, None]
-        off = y[which] - np.log(offset + impedance)
-        off -= off.mean(axis=1, keepdims=True)
-        return -np.einsum("sj,sj->s", off, offset / (offset + impedance))
+        residual = log_bands[which] - np.log(offset + impedance)
+        residual -= residual.mean(axis=1, keepdims=True)
+        return -np.einsum("sj,sj->s", residual, offset / (offset + impedance))
 
     best = grid[misfit(grid[:, None]).argmin(axis=0)]
     step = grid[1] - grid[0]
-    turn = elementwise.find_root(slope, (best - step, best + step), args=(np.arange(len(y)),))
+    turn = elementwise.find_root(
+        slope, (best - step, best + step), args=(np.arange(len(log_bands)),)
+    )
     # At an end of the grid nothing turns.
     minimum = np.where(turn.success, turn.x, best)
     # No offset at all may fit best: the search runs in the logarithm, which never gets there.
-    log_of_none = np.full(len(y), -np.inf)
+    log_of_none = np.full(len(log_bands), -np.inf)
     ratio = np.where(misfit(log_of_none) <= misfit(minimum), 0.0, np.exp(minimum))
     shape = np.log(ratio[:, None] + impedance)
-    w = np.exp((y - shape).mean(axis=1))
+    w = np.exp((log_bands - shape).mean(axis=1))
     return np.stack([ratio * w, w], axis=1)

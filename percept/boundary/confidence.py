@@ -31,7 +31,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: Fiducial draws of the population.
+#: Fiducial draws of the population: a confidence of 0.95 is known to 0.005 by them.
 _DRAWS = 2048
 #: Parts that may each say "does not": stiffness, damping, abs(Z_h).
 PARTS = 3

@@ -27,7 +27,8 @@ _SHARE_ACCURACY = 3e-5
 _SCORE_ACCURACY = 1e-3
 #: Shares nearer to 0 or 1 than this count as this much: a normal score stays finite.
 _LEAST_SHARE = 1e-9
-#: Of what the largest abs(Z_h) of users is above the least: below it lie next to none.
+#: Of how far the largest abs(Z_h) of users lies above the least, the fraction below which next to
+#: no user lies.
 _LEAST_FRACTION = 1e-6
 
 
@@ -66,8 +67,8 @@ class CouplingJudge:
         self._plane = DistancePlane.of(grid, display.environment.mass).flat()
         # Ranges of abs(Z_h), the most work, are for draws that k and b do not rule out.
         self._ranged = np.zeros(users.size, dtype=bool)
-        nothing = np.empty((users.size, omega.size))
-        self._ranges = Range(nothing, nothing.copy())
+        unknown = np.empty((users.size, omega.size))
+        self._ranges = Range(unknown, unknown.copy())
         # Where abs(Z_h) is looked at, and which of these ruled out a coupling under some draw.
         self._looked_at = np.arange(omega.size)
         self._decides = np.zeros(omega.size, dtype=bool)
@@ -153,8 +154,8 @@ def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
     """
     tail = 0.5 * (1.0 - level)
     # Outside one of four such limits lie fewer users than in one tail of abs(Z_h).
-    of_box = 1.0 - 0.5 * tail
-    boxes = users.central_ranges(of_box)
+    box_level = 1.0 - 0.5 * tail
+    boxes = users.central_ranges(box_level)
     least = np.zeros(plane.gain.shape)
     if users.log:
         # Nobody takes less than zero. Over what is above this distance scores are next to straight.
@@ -171,7 +172,7 @@ def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
         cells = np.nonzero(np.broadcast_to(frequencies, middle.shape))
         scores = functools.partial(_scores, users, plane, least, integral, cells)
         for limit, score in zip(found, (-edge, edge), strict=True):
-            start = middle + score / score_of(of_box) * (logs.high - middle)
+            start = middle + score / score_of(box_level) * (logs.high - middle)
             ends = Range(logs.low[cells], logs.high[cells])
             # Where next to no user lies below the low end it is the limit.
             log_above = _root(scores, score, start[cells], ends)

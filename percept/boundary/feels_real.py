@@ -150,10 +150,10 @@ def feels_real(
         shown = display
         if display.count is not None:
             shown = display.select(np.arange(start, stop))
-        own_omega = omega
+        some_omega = omega
         if omega.ndim == 2:
-            own_omega = omega[some]
-        judged.append(search_scores(shown, users.select(some), own_omega, central))
+            some_omega = omega[some]
+        judged.append(search_scores(shown, users.select(some), some_omega, central))
         evidence = _evidence(judged, plane[:stop], omega, central)
         if stop == users.size or evidence.clear_of(decision):
             return evidence
@@ -263,8 +263,8 @@ def _evidence(
     too_near = _share(from_edge < _TOO_NEAR)
     probability = _share(inside)
     by_central = []
-    for central in CENTRALS:
-        within = largest <= score_of(central)
+    for share in CENTRALS:
+        within = largest <= score_of(share)
         by_central.append(_share(within))
     lowest = int(np.argmin(inside_at))
     return Evidence(

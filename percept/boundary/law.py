@@ -56,7 +56,7 @@ _BEND_DRAWS = 1024
 _STEP = 0.16
 # Where k and b correlate a step is finer, down to this fraction: a ridge is narrow.
 _FINEST = 0.2
-# Times sqrt(1 - rho²), the width of such a ridge, is that fraction.
+# That fraction is this many times sqrt(1 - rho²), the width of such a ridge.
 _RIDGE = 2.5
 # Grids grow by so many steps, so that similar studies share the splines' factors.
 _BLOCK = 8
@@ -68,7 +68,7 @@ _LEAST_REMAINDER = 1e-6
 _LEAST_LOG_DENSITY = np.float32(-80.0)
 # Points that stand for a law where its ellipse is sized.
 _ELLIPSE_POINTS = 4096
-# Multiples of powers of the plastic number fill a square evenly.
+# Whole multiples of two powers of the plastic number, taken modulo one, fill a square evenly.
 _EVEN = 1.32471795724474602596 ** np.array([-1.0, -2.0])
 
 

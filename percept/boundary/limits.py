@@ -43,7 +43,7 @@ Indices = NDArray[np.intp]
 _LEAST_PROBABILITY = 1e-14
 # Probability beyond the first guess of a limit: that of the usual 99 % limits.
 _GUESSED_TAIL = 0.005
-# Points that the first guess is made from.
+# Points of the law that the first guess is made from.
 _GUESS_POINTS = 600
 # SDs of a normal below which a limit's score counts as met: far less than a Monte Carlo error.
 _SCORE_ACCURACY = 1e-4

@@ -33,9 +33,9 @@ Array = NDArray[np.float64]
 #: Rows of a population's mean and SD.
 STIFFNESS = 0
 DAMPING = 1
-#: Logarithms of a stiffness or damping of zero, and below: no user is there.
+#: Stands for a stiffness or damping of zero or less, which has no logarithm: no user is there.
 LEAST = np.finfo(np.float64).tiny
-#: Beyond this logarithm of N/m or N·s/m no impedance of interest changes.
+#: Largest size of a logarithm of N/m or N·s/m: beyond it no impedance of interest changes.
 _LARGEST_LOG = 90.0
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
@@ -249,9 +249,9 @@ def _chord(
     radius: Array,
 ) -> Array:
     """Return the probability of the inner quantity's chord through the disc at each outer score."""
-    across = outer.term_at(score, log=users.log)
-    rest = radius - across
-    square = rest * (radius + across)
+    outer_leg = outer.term_at(score, log=users.log)
+    rest = radius - outer_leg
+    square = rest * (radius + outer_leg)
     half_chord = np.sqrt(np.maximum(square, 0.0)) / inner.gain
     middle = -inner.offset / inner.gain
     correlation = users.correlation[..., None]

@@ -27,11 +27,13 @@ from percept.haptics.records import Device, TabulatedDevice
 
 __all__ = ["Aliases", "alias_features", "aliases"]
 
-# Of all damping, what a device without any at DC is given: the sums have a pole there.
-_LEAST = 1e-12
-# Half an angle below which the sums of a table hardly move: nearer to DC they would cancel.
+# Damping at DC of a device that has none there, as a fraction of that of its modes: at zero the
+# sums have a pole.
+_LEAST_AT_DC = 1e-12
+# Smallest h, rad, that a table is summed at. Of 1/sin² h − 1/h² nine digits are left here, fewer
+# nearer to DC, where the sums hardly move.
 _NEAR_DC = 1e-3
-# Where a feature is looked at, in its widths to either side.
+# Where a feature is looked at, in its widths to either side: each half as far again as the last.
 _OFFSETS = np.geomspace(1e-2, 1e2, 25)
 
 
@@ -78,7 +80,7 @@ def _turn(half: FloatArray, fraction: float) -> ComplexArray:
 def _damping_at_dc(device: Device) -> Scalars:
     """Return r at DC, N·s/m; where there is none, next to none."""
     of_modes = sum(float(mode.damping) for mode in device.modes)
-    least = max(_LEAST * of_modes, 1 / LARGEST)
+    least = max(_LEAST_AT_DC * of_modes, 1 / LARGEST)
     return np.maximum(device.damping, least)[()]
 
 
@@ -90,13 +92,13 @@ class _PartialFraction(NamedTuple):
 
     def sum_over_aliases(self, half: FloatArray, fraction: float) -> ComplexArray:
         """Return 4·weight times the sum of e^{−jθ_k·f}/(θ_k² − root²)."""
-        turn = 1j * self.root
+        decay = 1j * self.root
         back = np.exp(-2j * half)
-        whole = np.exp(turn)
-        first = np.exp(turn * (1 - fraction))
-        first = first / (1 - back * whole)
-        second = np.exp(turn * fraction)
-        second = second / (whole - back)
+        in_a_sample = np.exp(decay)
+        first = np.exp(decay * (1 - fraction))
+        first = first / (1 - back * in_a_sample)
+        second = np.exp(decay * fraction)
+        second = second / (in_a_sample - back)
         scale = 2j * self.weight / self.root
         return scale * back * (first - second)
 
@@ -167,14 +169,14 @@ def _of_table(grid: Warp, device: TabulatedDevice, fraction: float) -> Aliases:
     direct = np.exp(-2j * fraction * half)
     of_all = 1 / np.sin(half) ** 2
     of_omega = 1 / half**2
-    more = beyond - at_omega
-    rest += more * (of_all - of_omega)
-    late_rest += more * (turned * of_all - direct * of_omega)
+    excess = beyond - at_omega
+    rest += excess * (of_all - of_omega)
+    late_rest += excess * (turned * of_all - direct * of_omega)
     return Aliases(at_omega, _turn(grid.half, fraction), rest, late_rest)
 
 
 def _inverse_dissipation(device: TabulatedDevice, omega: FloatArray, beyond: float) -> FloatArray:
-    """Return 1/r, m/(N·s), of a table; a device that dissipates nothing makes it huge."""
+    """Return 1/r, m/(N·s), of a table, and what holds beyond; no dissipation makes it huge."""
     real = np.interp(omega, device.omega, device.impedance.real)
     inverse = 1 / np.maximum(real, 1 / LARGEST)
     return np.where(omega > device.omega[-1], beyond, inverse)

@@ -36,7 +36,7 @@ Scalars: TypeAlias = float | FloatArray
 
 # Beyond this no device exists, and products of a few parameters would leave the range of a double.
 LARGEST = 1e100
-# In s. For the same reason; no device samples as fast.
+# s, for the same reason; no device samples as fast.
 _SHORTEST_PERIOD = 1e-100
 
 
@@ -51,6 +51,7 @@ def complex_array(value: ArrayLike, name: str, unit: str) -> ComplexArray:
 
 
 def _finite(value: ArrayLike, name: str, unit: str, what: str, kinds: str) -> NDArray[Any]:
+    """Refuse what is masked, ragged, not of NumPy's `kinds` of type, not finite or too large."""
     if np.ma.is_masked(value):
         raise UsageError(
             f"{name} has masked elements.", hint="Drop the points that were not measured."

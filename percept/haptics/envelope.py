@@ -37,7 +37,8 @@ __all__ = [
     "magnitude_envelope_ellipse",
 ]
 
-# The curve of a log-ellipse is looked at every degree.
+# rad: the curve of a log-ellipse is looked at every degree, and each extreme is refined within a
+# degree to either side.
 _STEP = 2 * np.pi / 360
 _ANGLES = np.asarray(_STEP * np.arange(360), dtype=np.float64)
 # A circle's quartic has no leading term: it counts as this fraction of the others. Roots move by
@@ -127,17 +128,17 @@ def magnitude_envelope(
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
     plane = DistancePlane.of(loop.at(omega), real_array(mass, "mass", "kg"))
-    p_low = plane.gain * b_low + plane.real
-    p_high = plane.gain * b_high + plane.real
-    q_at_low = plane.imaginary - times(k_low, plane.per_rate)
-    q_at_high = plane.imaginary - times(k_high, plane.per_rate)
+    real_low = plane.gain * b_low + plane.real
+    real_high = plane.gain * b_high + plane.real
+    imaginary_at_low = plane.imaginary - times(k_low, plane.per_rate)
+    imaginary_at_high = plane.imaginary - times(k_high, plane.per_rate)
     # g/Ω changes sign with ω.
-    q_low = np.minimum(q_at_low, q_at_high)
-    q_high = np.maximum(q_at_low, q_at_high)
-    lower = np.hypot(_gap(p_low, p_high), _gap(q_low, q_high))
-    p_farthest = np.maximum(np.abs(p_low), np.abs(p_high))
-    q_farthest = np.maximum(np.abs(q_low), np.abs(q_high))
-    upper = np.hypot(p_farthest, q_farthest)
+    imaginary_low = np.minimum(imaginary_at_low, imaginary_at_high)
+    imaginary_high = np.maximum(imaginary_at_low, imaginary_at_high)
+    lower = np.hypot(_gap(real_low, real_high), _gap(imaginary_low, imaginary_high))
+    real_size = np.maximum(np.abs(real_low), np.abs(real_high))
+    imaginary_size = np.maximum(np.abs(imaginary_low), np.abs(imaginary_high))
+    upper = np.hypot(real_size, imaginary_size)
     return Envelope(lower[()], upper[()])
 
 
@@ -337,8 +338,7 @@ def _scaled(curve: _Curve, plane: DistancePlane) -> DistancePlane:
 
 def _turns_on_grid(curve: _Curve, plane: DistancePlane) -> _Turns:
     """Return where distances turn on the grid; on it the wrong turn may look better."""
-    column = DistancePlane(*(field[:, None] for field in plane))
-    x, y = column.offsets(curve.at(_ANGLES))
+    x, y = plane.column().offsets(curve.at(_ANGLES))
     square = x * x + y * y
     before = np.roll(square, 1, axis=1)
     after = np.roll(square, -1, axis=1)

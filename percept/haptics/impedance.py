@@ -74,12 +74,12 @@ def series(grid: Warp, first: Element, second: Element) -> Element:
     r2, x2 = _scaled_parts(grid, second)
     total = np.hypot(r1 + r2, x1 + x2)
 
-    def of_total(part: FloatArray) -> FloatArray:
+    def over_total(part: FloatArray) -> FloatArray:
         return ratio(part, total, empty=0.0)
 
-    w1 = of_total(np.hypot(r2, x2)) ** 2
-    w2 = of_total(np.hypot(r1, x1)) ** 2
-    damping = times(w1, first.damping) + times(w2, second.damping)
+    weight1 = over_total(np.hypot(r2, x2)) ** 2
+    weight2 = over_total(np.hypot(r1, x1)) ** 2
+    damping = times(weight1, first.damping) + times(weight2, second.damping)
     at_dc = grid.sin == 0
     at_nyquist = grid.cos == 0
     # The rate at Nyquist is not used there; 0 keeps it finite.
@@ -88,8 +88,8 @@ def series(grid: Warp, first: Element, second: Element) -> Element:
     with np.errstate(invalid="ignore"):
         k1 = first.stiffness - inertia
         k2 = second.stiffness
-        by_dampers = times(of_total(r2) ** 2, k1) + times(of_total(r1) ** 2, k2)
-        stiffness = by_dampers + times(of_total(x1) * of_total(x2), k1 + k2)
+        by_dampers = times(over_total(r2) ** 2, k1) + times(over_total(r1) ** 2, k2)
+        stiffness = by_dampers + times(over_total(x1) * over_total(x2), k1 + k2)
     pole = (total == 0) & (x1 != 0)
     finite = np.isfinite(stiffness) & ~pole
     stiffness = np.where(finite, stiffness, np.inf)
@@ -136,11 +136,11 @@ def _series_at_nyquist(first: Element, second: Element) -> Element:
 
 def _weighted(first: Element, second: Element, z1: FloatArray, z2: FloatArray) -> Element:
     """Return a₂²Z₁ + a₁²Z₂ with aᵢ = zᵢ/(z₁ + z₂), zᵢ the leading parts of Zᵢ."""
-    w1 = ratio(z2, z1 + z2, empty=0.0) ** 2
-    w2 = ratio(z1, z1 + z2, empty=0.0) ** 2
+    weight1 = ratio(z2, z1 + z2, empty=0.0) ** 2
+    weight2 = ratio(z1, z1 + z2, empty=0.0) ** 2
     return Element(
-        stiffness=w1 * first.stiffness + w2 * second.stiffness,
-        damping=w1 * first.damping + w2 * second.damping,
+        stiffness=weight1 * first.stiffness + weight2 * second.stiffness,
+        damping=weight1 * first.damping + weight2 * second.damping,
     )
 
 
@@ -205,11 +205,10 @@ def _device_behind_hold(grid: Warp) -> tuple[FloatArray, FloatArray]:
         flexible = value.imag
     else:
         # Ω·cos h is formed as (2/T)·sin h, which stays finite at Nyquist.
-        push = (2 / grid.period) * grid.sin
-        push_tan = ratio(push * grid.sin, grid.cos, empty=0.0)
-        swing = times(device.mass, push_tan)
-        rigid_real = device.damping * grid.cos - swing
-        rigid_imag = device.damping * grid.sin + device.mass * push
+        rate_cos = (2 / grid.period) * grid.sin
+        rate_sin = ratio(rate_cos * grid.sin, grid.cos, empty=0.0)
+        rigid_real = device.damping * grid.cos - times(device.mass, rate_sin)
+        rigid_imag = device.damping * grid.sin + device.mass * rate_cos
         rigid_real = rigid_real + np.multiply(device.stiffness, (grid.period / 2) * grid.cos)
         rigid_imag = rigid_imag + grid.spring(device.stiffness) * grid.cos
         damping, flexible = _modes(grid, device)

@@ -43,15 +43,17 @@ _DC_SLACK = 1e-100
 _NYQUIST_SLACK = 4 * float(np.spacing(np.pi))
 # A table may leave out this fraction of the range up to Nyquist at either end.
 _COVERED = 1e-3
-# Points of a search between DC and Nyquist, evenly spaced and as many evenly in the logarithm.
+# Points of a search between DC and Nyquist, evenly spaced and as many evenly in the logarithm: 100
+# to each of its six decades.
 _SPACED = 600
 # Points to a sample of delay: what it asks for rises and falls once in two samples.
 _SPACED_PER_SAMPLE = 40
-# Where a mode is looked at, in its widths to either side of its resonance.
+# Where a mode is looked at, in its widths to either side of its resonance: each a fifth farther out
+# than the last.
 _OFFSETS = np.geomspace(1e-2, 1e3, 60)
 # A mode without damping counts as this wide, as a fraction of its resonance.
 _NARROWEST = 1e-6
-# A peak or a turn needs three.
+# Points of the shortest grid: a peak or a turn needs three.
 _FEWEST = 3
 
 

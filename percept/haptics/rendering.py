@@ -54,18 +54,20 @@ __all__ = [
     "rendering_margins",
 ]
 
-# Couplings whose resonances with an environment's mass are looked for.
+# Couplings, evenly from the softest to the stiffest, whose resonances with an environment's mass
+# are looked for.
 _RESONANCES = 16
-# Of 1 N·s/m: what it lacks is the damping needed.
-_UNIT = Device(0.0, 1.0)
+# Of 1 N·s/m: the load on it is the damping needed.
+_UNIT_DAMPER = Device(0.0, 1.0)
 _NO_DEVICE = Device(0.0, 0.0)
 # How near to 1 a margin counts as short of it.
 _ROUNDING = 1e-12
 # Rows of a region's edge: enough to show its corners.
 _EDGE_POINTS = 129
 # A table may begin at this fraction of Nyquist: below it the first row holds.
-_FIRST = 1e-3
-# Half a turn of H_c + H_e is a pole outside the circle; without a spring a quarter turn is none.
+_LATEST_START = 1e-3
+# rad, by which H_c + H_e must turn back from DC to Nyquist. A pole outside the circle makes it half
+# a turn; without a spring it is a quarter though none lies there. The limit stands between.
 _TURNED = 0.75 * np.pi
 
 
@@ -98,11 +100,11 @@ def _in_series(grid: Warp, first: Force, second: Force) -> Force:
     total = np.hypot(first.real + second.real, grid.sin * (first.slope + second.slope))
     first_size = np.hypot(first.real, grid.sin * first.slope)
     second_size = np.hypot(second.real, grid.sin * second.slope)
-    of_first = ratio(second_size, total, empty=0.0) ** 2
-    of_second = ratio(first_size, total, empty=0.0) ** 2
+    first_weight = ratio(second_size, total, empty=0.0) ** 2
+    second_weight = ratio(first_size, total, empty=0.0) ** 2
     return Force(
-        real=of_first * first.real + of_second * second.real,
-        slope=of_first * first.slope + of_second * second.slope,
+        real=first_weight * first.real + second_weight * second.real,
+        slope=first_weight * first.slope + second_weight * second.slope,
     )
 
 
@@ -112,11 +114,11 @@ def force_of(grid: Warp, environment: Environment | None, coupling: Coupling | N
     The loop filters the velocity of what joins the device.
     """
     velocity_filter = grid.loop.velocity_filter
-    own_filter = velocity_filter if coupling is None else None
+    environment_filter = velocity_filter if coupling is None else None
     shown = None
     if environment is not None:
         k, b, m = environment.stiffness, environment.damping, environment.mass
-        shown = _element(grid, k, b, m, own_filter)
+        shown = _element(grid, k, b, m, environment_filter)
     if coupling is None:
         assert shown is not None
         return shown
@@ -202,23 +204,23 @@ def _load(grid: Warp, force: Force, dissipated: Aliases) -> FloatArray:
     Without a fraction of delay this is Re W/b_eff. With one it is the largest μ at which the circle
     of centre μ·C and radius μ·abs(ρ) holds 1/W: C and ρ are half the sums over the aliases.
     """
-    fraction, whole = np.modf(grid.loop.delay)
-    before = _real_part(grid, force, whole)
-    mean = before
+    fraction, samples = np.modf(grid.loop.delay)
+    real = _real_part(grid, force, samples)
+    mean = real
     if fraction:
-        mean = (1 - fraction) * before + fraction * _real_part(grid, force, whole + 1)
+        mean = (1 - fraction) * real + fraction * _real_part(grid, force, samples + 1)
     # W·sin h is finite at DC.
-    angle = (2 * whole + 1) * grid.half
+    angle = (2 * samples + 1) * grid.half
     turned = np.cos(angle) * force.real + np.sin(angle) * grid.sin * force.slope
-    loop = grid.sin * before + 1j * (grid.period / 2) * turned
-    own, turn, rest, late = dissipated
-    load = mean * own + grid.sin * (loop * late).real
+    w_sin = grid.sin * real + 1j * (grid.period / 2) * turned
+    constant, turn, rest, late_rest = dissipated
+    load = mean * constant + grid.sin * (w_sin * late_rest).real
     if not fraction:
         return np.maximum(load, 0.0)
-    spread = 4 * fraction * (1 - fraction) * np.square(own)
-    spread = spread + 2 * own * (rest - (turn * np.conj(late)).real)
-    spread = spread + grid.sin**2 * (rest**2 - np.abs(late) ** 2)
-    root = np.sqrt(load**2 + np.abs(loop) ** 2 * np.maximum(spread, 0.0))
+    spread = 4 * fraction * (1 - fraction) * np.square(constant)
+    spread = spread + 2 * constant * (rest - (turn * np.conj(late_rest)).real)
+    spread = spread + grid.sin**2 * (rest**2 - np.abs(late_rest) ** 2)
+    root = np.sqrt(load**2 + np.abs(w_sin) ** 2 * np.maximum(spread, 0.0))
     return np.asarray((load + root) / 2)
 
 
@@ -288,8 +290,8 @@ def needed_damping(
         damping = _damping_at_nyquist(loop.period, environment, coupling)
         return NeededDamping(stored(damping), stored(np.full(damping.shape, loop.nyquist)))
     joined = Joined.of(environment, coupling)
-    largest = _largest_load(replace(loop, device=_UNIT), joined)
-    damping = largest.damping.reshape(joined.shape)
+    largest = _largest_load(replace(loop, device=_UNIT_DAMPER), joined)
+    damping = largest.load.reshape(joined.shape)
     return NeededDamping(stored(damping), stored(largest.omega.reshape(joined.shape)))
 
 
@@ -313,21 +315,23 @@ def _damping_at_nyquist(
 
 
 class _Largest(NamedTuple):
-    damping: FloatArray  # The largest load, (n,); of 1 N·s/m the damping needed
+    """The largest load over ω of n that join a device, (n,)."""
+
+    load: FloatArray  # On a device of 1 N·s/m the damping needed, N·s/m
     omega: FloatArray  # Where it is, rad/s
 
 
 def _largest_load(loop: Loop, joined: Joined) -> _Largest:
     """Search the largest load over ω; it is inf where a pole of H lies outside the circle."""
-    even = search_grid(replace(loop, device=_NO_DEVICE), joined.resonances())
-    grid = np.unique(np.concatenate([even, alias_features(loop)]))
+    of_force = search_grid(replace(loop, device=_NO_DEVICE), joined.resonances())
+    candidates = np.unique(np.concatenate([of_force, alias_features(loop)]))
 
-    def spare(omega: FloatArray, which: IntArray) -> FloatArray:
+    def negative_load(omega: FloatArray, which: IntArray) -> FloatArray:
         some = joined.select(which)
         return -rendering_load(loop, omega, some.environment, coupling=some.coupling)
 
-    least = lowest(spare, grid, joined.size)
-    outside = _has_pole_outside(loop, grid, joined)
+    least = lowest(negative_load, candidates, joined.size)
+    outside = _has_pole_outside(loop, candidates, joined)
     return _Largest(np.where(outside, np.inf, -least.value), least.x)
 
 
@@ -343,9 +347,9 @@ def _has_pole_outside(loop: Loop, omega: FloatArray, joined: Joined) -> FloatArr
         return np.zeros(joined.size, dtype=bool)
     total = np.zeros((omega.size, joined.size), dtype=np.complex128)
     unfiltered = replace(loop, velocity_filter=None)
-    for one, behind, before in ((unfiltered, environment, None), (loop, None, coupling)):
-        grid = one.at(omega[:, None])
-        force = force_of(grid, behind, before)
+    for its_loop, behind, at_device in ((unfiltered, environment, None), (loop, None, coupling)):
+        grid = its_loop.at(omega[:, None])
+        force = force_of(grid, behind, at_device)
         total += force.real + 1j * grid.sin * force.slope
     steps = np.angle(total[1:] * np.conj(total[:-1]))
     return np.asarray(steps.sum(axis=0) < -_TURNED)
@@ -365,7 +369,7 @@ def rendering_margins(
     """
     joined = Joined.of(environment, coupling)
     largest = _largest_load(loop, joined)
-    return ratio(1.0, largest.damping, empty=np.inf).reshape(joined.shape)
+    return ratio(1.0, largest.load, empty=np.inf).reshape(joined.shape)
 
 
 def can_render(
@@ -393,7 +397,7 @@ def can_render(
         binding = float(need.omega)
     else:
         largest = _largest_load(loop, Joined.of(environment, coupling))
-        margin = float(ratio(1.0, largest.damping[0], empty=np.inf))
+        margin = float(ratio(1.0, largest.load[0], empty=np.inf))
         binding = float(largest.omega[0])
     verdict: Literal["can", "cannot", "undecided"] = "can"
     reason = f"The smallest margin is {margin:.6g}, at {binding:.6g} rad/s."
@@ -403,7 +407,7 @@ def can_render(
     elif margin <= 1 + _ROUNDING:
         verdict = "cannot"
     elif isinstance(device, TabulatedDevice):
-        if device.omega[0] * loop.period > _FIRST * np.pi:
+        if device.omega[0] * loop.period > _LATEST_START * np.pi:
             verdict = "undecided"
             reason = f"Below {device.omega[0]:.6g} rad/s the device's table says nothing."
         elif device.floor is None:

@@ -113,23 +113,23 @@ def _shown(display: Display, square: Polynomial) -> _Shown:
     """Return what a display shows; its environment's mass counts with the device."""
     environment = display.environment
     coupling = display.coupling
-    joining = environment if coupling is None else coupling
+    front = environment if coupling is None else coupling
     nothing = 0.0 * square
-    joined = _Shown(nothing + joining.stiffness, nothing + joining.damping, nothing + 1.0)
+    joined = _Shown(nothing + front.stiffness, nothing + front.damping, nothing + 1.0)
     if display.loop.velocity_filter is not None:
-        joined = _filtered(joining, display.loop.velocity_filter, display.loop.period, square)
+        joined = _filtered(front, display.loop.velocity_filter, display.loop.period, square)
     if coupling is None:
         return joined
     return _behind(joined, environment, square)
 
 
 def _filtered(
-    joining: Environment | Coupling,
+    front: Environment | Coupling,
     velocity_filter: VelocityFilter,
     period: float,
     square: Polynomial,
 ) -> _Shown:
-    """Return a spring and a damper that acts on the filtered velocity.
+    """Return the spring of what joins the device, and its damper, on the filtered velocity.
 
     F is 1/B(jx) with x = Ω/Ω_c and Butterworth's polynomial B: abs(B(jx))² = 1 + x^(2·order), the
     real part of B(jx) is even in x and its imaginary part odd.
@@ -140,9 +140,9 @@ def _filtered(
     size = relative**velocity_filter.order + 1.0
     coefficients = _butterworth(velocity_filter.order)
     real = Polynomial(coefficients[::2])(relative)
-    imaginary_over_x = Polynomial([*coefficients[1::2]])(relative)
-    stiffness = size * joining.stiffness + relative * imaginary_over_x * (joining.damping * cutoff)
-    return _Shown(stiffness, real * joining.damping, size)
+    imaginary_over_x = Polynomial(coefficients[1::2])(relative)
+    stiffness = size * front.stiffness + relative * imaginary_over_x * (front.damping * cutoff)
+    return _Shown(stiffness, real * front.damping, size)
 
 
 def _butterworth(order: int) -> list[float]:
@@ -206,7 +206,7 @@ def departure(display: Display, box: Boxes, lower: float, upper: float) -> Depar
         The range passes Nyquist or leaves a device's table.
     """
 
-    def inside(omega: FloatArray, _: IntArray) -> FloatArray:
+    def depth_inside(omega: FloatArray, _: IntArray) -> FloatArray:
         plane, magnitude = displayed(display, omega.ravel())
         extremes = box.extremes(plane)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -218,7 +218,7 @@ def departure(display: Display, box: Boxes, lower: float, upper: float) -> Depar
         return -np.clip(departs, -_LARGEST, _LARGEST).reshape(omega.shape)
 
     grid = search_grid(display.loop, _resonances(display, box), within=(lower, upper))
-    least = lowest(inside, grid, 1)
+    least = lowest(depth_inside, grid, 1)
     return Departure(-float(least.value[0]), float(least.x[0]))
 
 
@@ -228,9 +228,9 @@ def _resonances(display: Display, box: Boxes) -> tuple[Mode, ...]:
     device = display.loop.device
     mass = float(getattr(device, "mass", 0.0)) + float(environment.mass)
     damping = float(getattr(device, "damping", 0.0)) + float(environment.damping)
-    own = float(getattr(device, "stiffness", 0.0))
+    to_ground = float(getattr(device, "stiffness", 0.0))
     springs = [float(environment.stiffness), *np.maximum(box.stiffness, 0.0).ravel()]
-    modes = [Mode(mass, own + spring, damping) for spring in springs]
+    modes = [Mode(mass, to_ground + spring, damping) for spring in springs]
     if display.coupling is not None:
         behind = float(environment.stiffness + display.coupling.stiffness)
         modes.append(Mode(environment.mass, behind, environment.damping))

@@ -106,13 +106,13 @@ def required_damping_at(
     beta = element.damping
     stretch = np.multiply(element.stiffness, grid.period)
     # Only positive terms, and K²/β as K·(K/β): K² alone may leave the range of a double.
-    load = stretch * ratio(stretch, beta, empty=0.0)
+    k2_over_beta = stretch * ratio(stretch, beta, empty=0.0)
     if loop.velocity_filter is not None:
         # A filter may make the coupling active: no device then suffices.
-        load = np.where(np.less(beta, 0), np.inf, load)
-    needed = np.multiply(beta, viscous) + times(elastic, load)
+        k2_over_beta = np.where(np.less(beta, 0), np.inf, k2_over_beta)
+    needed = np.multiply(beta, viscous) + times(elastic, k2_over_beta)
     # A spring without a damper asks for infinitely much right up to Nyquist, so also there.
-    return np.where(np.isinf(load), np.inf, needed)[()]
+    return np.where(np.isinf(k2_over_beta), np.inf, needed)[()]
 
 
 class Demands(NamedTuple):
@@ -195,14 +195,14 @@ def _searched_damping(loop: Loop, coupling: Coupling, discretization: str) -> Re
     k_c, b_c = np.broadcast_arrays(coupling.stiffness, coupling.damping)
     flat = Coupling(k_c.ravel(), b_c.ravel())
 
-    def spare(omega: FloatArray, which: IntArray) -> FloatArray:
+    def negative_demand(omega: FloatArray, which: IntArray) -> FloatArray:
         each = flat.select(which)
         needed = required_damping_at(loop, omega, each, discretization=discretization)
         # Differences of infinities would hide a dip from the search.
         return np.where(np.isinf(needed), -LARGEST, -needed)
 
     grid = search_grid(replace(loop, device=_NO_DEVICE))
-    least = lowest(spare, grid, k_c.size)
+    least = lowest(negative_demand, grid, k_c.size)
     needed = np.where(least.value == -LARGEST, np.inf, -least.value)
     return RequiredDamping(stored(needed.reshape(k_c.shape)), stored(least.x.reshape(k_c.shape)))
 
@@ -318,8 +318,8 @@ def absolute_stability(
     reason = f"The smallest margin is {smallest:.6g}, at {binding:.6g} rad/s."
     if smallest < 1 - _ROUNDING:
         verdict = "not met"
-        active = coupling_element(loop.at(binding), coupling, discretization).damping
-        if np.less(active, 0):
+        element = coupling_element(loop.at(binding), coupling, discretization)
+        if np.less(element.damping, 0):
             reason = f"The velocity filter makes the coupling active at {binding:.6g} rad/s."
         elif smallest < 0:
             reason = f"A port is active: its real part is negative at {binding:.6g} rad/s."
@@ -409,7 +409,7 @@ def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
 def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
     """Return δ = K/2b of the backward difference, between 0 and `room`.
 
-    With e = 8 − c, the room, it solves 27δ² = (c + δ)(e − δ)(1 + c + δ)².
+    With c = b_c/b and e = 8 − c, the room, it solves 27δ² = (c + δ)(e − δ)(1 + c + δ)².
     The difference of the two sides is convex between the root and e: Newton from e falls onto the
     root without overshooting.
     """

@@ -57,7 +57,8 @@ _BROKEN = (
 )
 #: Bytes that are unpacked at a time.
 _BLOCK = 8 << 20
-#: Files of experiment software show early what they are; the bound keeps the search short.
+#: Characters in which files of experiment software show what they are: the bound keeps the search
+#: short.
 _EARLY = 20_000
 #: What opens a compressed file, by how it begins.
 _OPENERS: dict[bytes, Callable[..., Any]] = {
@@ -68,23 +69,28 @@ _OPENERS: dict[bytes, Callable[..., Any]] = {
 _ZIP = b"PK\x03\x04"
 #: What a zip archive holds that is an Excel workbook.
 _WORKBOOK = "xl/workbook.xml"
-_MARKS = {
+#: Byte-order marks, and the encodings that they tell.
+_BYTE_ORDER_MARKS = {
     codecs.BOM_UTF8: "utf-8",
     codecs.BOM_UTF16_LE: "utf-16-le",
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
-_TWO_ENCODINGS = (
+_ENCODINGS_HINT = (
     "Other letters are UTF-8: two programs wrote this file. Write it again in UTF-8, or declare"
     ' [sessions] encoding = "cp1252".'
 )
-_CSV = "Export the data as CSV in UTF-8."
-_TRIALS = "Use the trial-by-trial .csv that PsychoPy writes next to it."
+_CSV_HINT = "Export the data as CSV in UTF-8."
+_TRIALS_HINT = "Use the trial-by-trial .csv that PsychoPy writes next to it."
 #: How files begin that are no tables of text, as bytes (each a character here) or as text.
 _NO_TABLES = (
-    (r"\x80[\x02-\x05]", "a Python pickle (PsychoPy's .psydat), which is never opened", _TRIALS),
-    (r"\xd0\xcf\x11\xe0", "an old Office or E-Prime binary file", _CSV),
+    (
+        r"\x80[\x02-\x05]",
+        "a Python pickle (PsychoPy's .psydat), which is never opened",
+        _TRIALS_HINT,
+    ),
+    (r"\xd0\xcf\x11\xe0", "an old Office or E-Prime binary file", _CSV_HINT),
     (r"RDA[23]\n|A\n", "an R data file in ASCII", "In R: saveRDS(table, 'trials.rds')."),
-    (r"\x89HDF|\$FL[23]|<stata_dta>|%PDF", "another program's binary file", _CSV),
+    (r"\x89HDF|\$FL[23]|<stata_dta>|%PDF", "another program's binary file", _CSV_HINT),
     (
         r"PK\x03\x04|\x1f\x8b|Rar!|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd",
         "an archive inside an archive, or in a format not read here",
@@ -98,15 +104,15 @@ _NO_TABLES = (
     (
         r"\s*reversal(Intensities|Indices)=",
         "PsychoPy's text summary of a staircase, not a table of trials",
-        _TRIALS,
+        _TRIALS_HINT,
     ),
     # Means and raw values of conditions, or a block of extraInfo below them.
     (
         r"(?=[^\r\n]*_raw\b)[^\r\n]*_(mean|std)\b|(?ms:(?=.*?^[\t,; ]*extraInfo[\t,; ]*\r?$))",
         "PsychoPy's summary of conditions, not a table of trials",
-        _TRIALS,
+        _TRIALS_HINT,
     ),
-    (r"\s*(<!doctype|<html|<\?xml)", "a web page or XML, not a table", _CSV),
+    (r"\s*(<!doctype|<html|<\?xml)", "a web page or XML, not a table", _CSV_HINT),
 )
 
 
@@ -328,7 +334,7 @@ def decode(entry: Input, declared: str | None) -> tuple[str, str]:
         hint = "Leave it out, or export it again."
         raise NoDataError("the file is empty.", file=entry.name, hint=hint)
     _refuse_no_table(data[:_EARLY].decode("latin-1"), entry.name)
-    for mark, marked in _MARKS.items():
+    for mark, marked in _BYTE_ORDER_MARKS.items():
         if data.startswith(mark):
             data = data[len(mark) :]
             declared = marked
@@ -339,8 +345,9 @@ def decode(entry: Input, declared: str | None) -> tuple[str, str]:
     except UsageError as problem:
         if declared:
             raise
+        # A byte that leads a letter in UTF-8, and one that follows.
         if re.search(rb"[\xc3-\xf4][\x80-\xbf]", data):
-            problem.hint = _TWO_ENCODINGS
+            problem.hint = _ENCODINGS_HINT
             raise
         encoding = "cp1252"
         text = _decoded(data, encoding, entry.name)
@@ -370,7 +377,7 @@ def _decoded(data: bytes, encoding: str, file: str) -> str:
             raise UsageError(message, file=file, hint=hint) from None
         row = _row_below(data[: error.start].decode(encoding, "replace"))
         message = f"byte 0x{data[error.start]:02x} is not text in {encoding}."
-        raise UsageError(message, file=file, row=row, hint=_CSV) from None
+        raise UsageError(message, file=file, row=row, hint=_CSV_HINT) from None
 
 
 def _row_below(text: str) -> int:

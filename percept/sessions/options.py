@@ -26,8 +26,10 @@ from percept.sessions.values import LARGEST, LEAST, MISSING
 
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
+#: Columns of a published summary.
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
-_PLAIN = {
+#: What pydantic finds wrong, by its own name of the kind of error, in plain words.
+_PLAIN_WORDS = {
     "dict_type": "must be a table",
     "model_type": "must be a table",
     "string_type": "must be text",
@@ -58,8 +60,8 @@ def usage_error(error: ValidationError) -> UsageError:
             return cause
     first = problems[0]
     message = first["msg"].removeprefix("Value error, ")
-    if first["type"] in _PLAIN:
-        message = _PLAIN[first["type"]].format(**first.get("ctx", {}))
+    if first["type"] in _PLAIN_WORDS:
+        message = _PLAIN_WORDS[first["type"]].format(**first.get("ctx", {}))
     message = f"{message[:1].lower()}{message[1:]}".removesuffix(".")
     path = ".".join(str(key) for key in first["loc"])
     value = None if isinstance(first["input"], dict) else first["input"]
@@ -75,6 +77,7 @@ def _listed(value: Any) -> Any:
 
 
 def _pattern(value: str) -> str:
+    """Hold a pattern of file names to the ids that it may name."""
     names = re.findall(r"\{(\w+)\}", value)
     if not names or not set(names) <= set(IDS) or len(set(names)) < len(names):
         raise ValueError("must name {subject}, {session} or {environment}, each once")
@@ -174,6 +177,7 @@ class ExcludeRule(Table):
 
 
 def _rule(value: Any) -> Any:
+    """Take a name, or the names of several columns, for the table of a column rule."""
     if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
         return {"name": value[0], "also": value[1:]}
     if not isinstance(value, str | Mapping | ColumnRule):

@@ -204,10 +204,10 @@ def _open(
 ) -> OpenFile:
     """Find out from the header what kind of table a file is."""
     options = log.options
-    found = _with_units(grid, resolve(grid, options), options)
-    file = OpenFile(grid, found, ids, digest, log)
-    if found.form == "trials":
-        present = {*found.known, *ids}
+    resolution = _with_units(grid, resolve(grid, options), options)
+    file = OpenFile(grid, resolution, ids, digest, log)
+    if resolution.form == "trials":
+        present = {*resolution.known, *ids}
         if options.sessions.subject == "row":
             present.add("subject")
         try:
@@ -215,15 +215,15 @@ def _open(
         except UsageError:
             refuse_headless(grid)
             raise
-        log.numbered |= "trial" in found.known
-        log.parameters |= {p for p in options.quantities if f"{p}_adj" in found.rules}
-        log.declared_units |= {c for c, rule in found.rules.items() if rule.has_known_unit}
-    for text in found.announced:
+        log.numbered |= "trial" in resolution.known
+        log.parameters |= {p for p in options.quantities if f"{p}_adj" in resolution.rules}
+        log.declared_units |= {c for c, rule in resolution.rules.items() if rule.has_known_unit}
+    for text in resolution.announced:
         file.notice(text)
-    for column in sorted(ids.keys() & found.rules.keys()):
-        name = found.rules[column].name
+    for column in sorted(ids.keys() & resolution.rules.keys()):
+        name = resolution.rules[column].name
         file.notice(f"{column} is taken from the file's name; column {name!r} is not used")
-    if unused := unused_columns(grid, found, options):
+    if unused := unused_columns(grid, resolution, options):
         file.notice(f"columns not used: {shown(unused)}")
     return file
 

@@ -21,7 +21,7 @@ from percept.sessions.quantities import convert, numbers_of, quantity_of, with_m
 from percept.sessions.records import IDS, MASS, Exclusion, Found, shown
 from percept.sessions.tables import OpenFile
 
-_CORRECT = "Correct the cell, or leave it empty if there was no adjustment."
+_CORRECT_CELL = "Correct the cell, or leave it empty if there was no adjustment."
 #: Share of rows without an id from which on its cells seem to be merged.
 _MERGED = 0.5
 #: Above this, doubles do not tell whole numbers apart.
@@ -41,7 +41,7 @@ def read_trials(file: OpenFile) -> pd.DataFrame:
     """Give the observations of a file: canonical columns, groups, physical `row`."""
     data = _melted(file)
     data = _selected(file, data)
-    _pick(file, data)
+    _unpack_json(file, data)
     data = _with_adjustments(file, data)
     _check_ids(file, data)
     _convert(file, data)
@@ -71,12 +71,14 @@ def _file_columns(file: OpenFile) -> dict[Any, int]:
 
 def _melted(file: OpenFile) -> pd.DataFrame:
     """Give a row for each observation, with its ids: one set of columns, or several melted."""
-    of_file = _file_columns(file)
+    file_columns = _file_columns(file)
     slots = file.resolution.slots
-    cells = file.cells({at for slot in slots for at in (*of_file.values(), *slot.columns.values())})
+    cells = file.cells(
+        {at for slot in slots for at in (*file_columns.values(), *slot.columns.values())}
+    )
     parts = []
     for slot in slots:
-        columns = {**of_file, **slot.columns}
+        columns = {**file_columns, **slot.columns}
         part = cells[list(columns.values())].set_axis(list(columns), axis=1)
         parts.append(part.assign(**slot.ids))
     data = parts[0]
@@ -178,15 +180,15 @@ def _exclude(
     return _keep(file, data, ~excluded, f"excluded: {why}")
 
 
-def _pick(file: OpenFile, data: pd.DataFrame) -> None:
+def _unpack_json(file: OpenFile, data: pd.DataFrame) -> None:
     """Take values out of JSON cells; records of other kinds of trial may lack them."""
     for canonical, rule in file.resolution.rules.items():
         if rule.path is not None:
-            picked = _picks(file, data[canonical], canonical, rule.path)
+            picked = _values_at(file, data[canonical], canonical, rule.path)
             data[canonical] = pd.Series(picked, index=data.index, dtype="str")
 
 
-def _picks(
+def _values_at(
     file: OpenFile,
     cells: pd.Series[str],
     canonical: str,
@@ -259,7 +261,7 @@ def _numbers(file: OpenFile, names: Iterable[Any]) -> list[Any]:
 def _convert(file: OpenFile, data: pd.DataFrame) -> None:
     """Convert columns of numbers to percept's units, by the file's one decimal mark."""
     quantities = with_mass(file.options.quantities)
-    for name, numbers in file.numbers(data, _numbers(file, data), _CORRECT).items():
+    for name, numbers in file.numbers(data, _numbers(file, data), _CORRECT_CELL).items():
         rule = file.resolution.rules.get(name)
         data[name] = numbers
         if name == "trial":

@@ -34,7 +34,7 @@ _Table = list[Sequence[Any]]
 _Reader = Callable[[Input, FileLimits], _Table]
 #: How JSON begins that holds records or lists.
 _JSON = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
-#: Bytes that tell a format.
+#: Bytes from the beginning that tell a format: signatures are shorter, JSON may begin with blanks.
 _BEGINNING = 256
 #: Bytes of one cell of a database: more than any mouse track has.
 _LONGEST_CELL = 16 << 20
@@ -160,8 +160,8 @@ def _text(value: Any) -> str:
     return "" if value is None or value is pd.NA or value is pd.NaT else str(value)
 
 
-def _chosen(names: Sequence[str], entry: Input, also: str = "") -> str:
-    """Choose the part of a file that is named, or its only one; a hint shows the first."""
+def _chosen(names: Sequence[str], entry: Input, remedy: str = "") -> str:
+    """Choose the part that is named, or the only one; a hint shows the first, then a remedy."""
     wanted = [name for name in names if entry.part in (None, name)]
     if len(wanted) == 1:
         return wanted[0]
@@ -170,7 +170,7 @@ def _chosen(names: Sequence[str], entry: Input, also: str = "") -> str:
     what = "several tables" if entry.part is None else "no such table"
     message = f"the file holds {what}; there are {shown(names)}."
     place = entry.name.partition("::")[0]
-    hint = f"Name one behind two colons: {place}::{names[0]}. {also}"
+    hint = f"Name one behind two colons: {place}::{names[0]}. {remedy}"
     raise UsageError(message, file=entry.name, hint=hint.strip())
 
 
@@ -232,8 +232,8 @@ def _sheet(entry: Input, limits: FileLimits) -> _Table:
     names = book.sheetnames
     if entry.part is None:
         names = [sheet.part for sheet in sheets(entry)] or names[:1]
-    also = 'Or read all that are alike: [sessions] sheet = "*".'
-    name = _chosen(names, entry, also)
+    remedy = 'Or read all that are alike: [sessions] sheet = "*".'
+    name = _chosen(names, entry, remedy)
     rows = list(_ragged(book[name], _workbook(entry, values=False)[name], entry.name, limits))
     if not rows:
         hint = "Name another with [sessions] sheet."

@@ -105,7 +105,7 @@ class Chain:
         memory = self._task.memory
         point = self._transported.map(points[0, :1])
         components = self._task.estimands.components(point).shape[-1]
-        # A component has about two influences.
+        # Of a component its own values, and about two influences.
         room = memory.numbers // (dimension + 3 * components)
         draws = min(memory.draws, room)
         return max(draws // (ensembles * walkers), memory.fewest_positions)

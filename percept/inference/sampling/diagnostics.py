@@ -113,7 +113,8 @@ def split_rhat(chains: Array, method: str) -> Array:
 def normal_scores(values: Array) -> Array:
     """Replace values (..., Q) by the normal scores of their ranks among all of the same quantity.
 
-    Tied values, of walkers that stay, share the mean of their ranks.
+    Tied values, of walkers that stay, share the mean of their ranks. Ranks are shifted by Blom's
+    numbers, with which scores are close to the means of a normal's order statistics.
     """
     from scipy import stats  # slow to import, and for runs of the sampler only
 

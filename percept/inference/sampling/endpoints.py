@@ -150,6 +150,7 @@ class _Mixture:
         return shortfall, slope
 
     def _evaluate(self, x: Array) -> None:
+        """Work out the probabilities beyond x (Q,), and the density there, block by block."""
         draws = self.mean.shape[1]
         self.mean_beyond[:] = 0.0
         self.density[:] = 0.0
@@ -185,8 +186,8 @@ class _Reach:
     #: Step of the table in sqrt(h - h0). With 512 pieces per unit the error is below 1e-12; a power
     #: of two, so that finding the piece rounds nothing.
     _STEP = 2.0**-9
-    #: Last sqrt(h - h0) of the table: beyond it the far tail is nothing
-    #: next to the near one, and d is linear in h.
+    #: Last sqrt(h - h0) of the table: beyond it the far tail is nothing next to the near one, and d
+    #: is linear in h.
     _LAST_SQRT = 3.0
 
     def __init__(self, share: float) -> None:
@@ -239,9 +240,9 @@ _reach = functools.cache(_Reach)
 class ShareContent(NamedTuple):
     """Probability, per draw, that an interval holds a share, and its derivatives."""
 
-    probability: Array
-    by_half_width: Array
-    by_centre: Array
+    probability: Array  # (Q, S)
+    by_half_width: Array  # (Q, S) Its derivative in the half-width
+    by_centre: Array  # (Q, S) And in the centre
 
 
 def share_content(
@@ -395,6 +396,7 @@ class _MeanContent:
         return score - wanted, slope
 
     def _evaluate(self, half_width: Array) -> None:
+        """Work out probabilities and derivatives at half-widths (Q,), block by block."""
         draws = self.mean.shape[1]
         centre = self.centre[:, None]
         half_width = half_width[:, None]

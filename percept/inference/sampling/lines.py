@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 #: Points of a line where the density is computed, in SDs along it: a normal law has 2e-6 beyond.
 _NODES = np.linspace(-4.8, 4.8, 9)
-#: Points that its logarithm is interpolated at, for the law between these.
+#: Points that its logarithm is interpolated at, 24 to a step of these, for the law between them.
 _FINE = np.linspace(-4.8, 4.8, 193)
 #: Multiples of the golden ratio fill an interval evenly.
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -92,11 +92,11 @@ def line_limits(
 
 def _steepest(points: Array, values: Array) -> tuple[Array, Array]:
     """Direction (d,) in which a function varies most, an SD long, and draws' places on it (S,)."""
-    apart = points - points.mean(axis=0)
-    slopes, *_ = np.linalg.lstsq(apart, values - values.mean(), rcond=None)
-    fitted = apart @ slopes
+    centred = points - points.mean(axis=0)
+    slopes, *_ = np.linalg.lstsq(centred, values - values.mean(), rcond=None)
+    fitted = centred @ slopes
     size = fitted.std()
-    return apart.T @ fitted / (len(points) * size), fitted / size
+    return centred.T @ fitted / (len(points) * size), fitted / size
 
 
 def _laws(
@@ -112,7 +112,7 @@ def _laws(
     flat = nodes.reshape(-1, points.shape[1])
     log_density = target(flat).reshape(steps.shape)
     values = function(flat).reshape(steps.shape)
-    # A density of zero has no logarithm to interpolate.
+    # A density of zero has no logarithm to interpolate: e^-1000 of the highest stands for it.
     highest = log_density.max(axis=1, keepdims=True)
     log_density = np.maximum(log_density - highest, -1e3)
     fine = CubicSpline(_NODES, log_density, axis=1)(_FINE)
@@ -121,8 +121,8 @@ def _laws(
     fine_values = CubicSpline(_NODES, values, axis=1)(_FINE)
     # Lines of a straight function have the same values: spread evenly over the steps between these,
     # each line's own part of a step apart.
-    part = (np.arange(len(points)) * _GOLDEN) % 1.0 - 0.5
-    return fine_values + part[:, None] * np.gradient(fine_values, axis=1), weights
+    shift = (np.arange(len(points)) * _GOLDEN) % 1.0 - 0.5
+    return fine_values + shift[:, None] * np.gradient(fine_values, axis=1), weights
 
 
 def _limits(values: Array, weights: Array, batch: NDArray[np.intp], tails: Array) -> LineLimits:

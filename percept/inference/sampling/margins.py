@@ -32,6 +32,7 @@ _MIDDLE = 1.5
 _SETTLED = 4.0
 #: Least rise of a piece, as a fraction of the sample's range: tied quantiles would make it flat.
 _LEAST_RISE = 1e-6
+#: Least rise where all values are one: a rise of zero has no logarithm.
 _TINY = 1e-300
 
 
@@ -105,14 +106,14 @@ class Spline:
 def _settled(values: Array, effective: float) -> Array:
     """Draw quantiles (K, d) at the knots towards straight lines, as far as chance explains them.
 
-    The extreme quantiles of a few hundred draws err by half a unit, and many coordinates err
+    The extreme quantiles of a few hundred draws err by half an SD, and many coordinates err
     together.
     """
     middle = np.abs(_KNOTS) <= _MIDDLE
     knots = _KNOTS[middle]
     inner = values[middle]
-    unit = knots @ inner / (knots @ knots)
-    line = inner.mean(axis=0) + unit * _KNOTS[:, None]
+    sd = knots @ inner / (knots @ knots)
+    line = inner.mean(axis=0) + sd * _KNOTS[:, None]
     tail = special.ndtr(_KNOTS)
     density = np.exp(-0.5 * _KNOTS**2)
     density /= np.sqrt(2.0 * np.pi)
@@ -120,10 +121,10 @@ def _settled(values: Array, effective: float) -> Array:
     error = np.sqrt(variance) / density
     departure = values - line
     with np.errstate(divide="ignore", invalid="ignore"):
-        standard = departure / (unit * error[:, None])
+        standard = departure / (sd * error[:, None])
         square = np.square(standard).mean(axis=0)
         share = (square - 1.0) / (_SETTLED - 1.0)
         share = np.clip(share, 0.0, 1.0)
-    # A coordinate without any unit keeps its quantiles.
+    # A coordinate without scatter keeps its quantiles.
     share = np.nan_to_num(share, nan=1.0)
     return np.asarray(line + share * departure)

@@ -58,8 +58,6 @@ _STARTING_SHARE = 0.05
 _TEMPERING = 0.8
 #: Power below which tempering ends. Weights are then equal unless log densities differ by millions.
 _LEAST_POWER = 1e-6
-
-
 #: Steps of the runs that a transport is fitted to. The map of the first is rough, so the second has
 #: more draws. Without the second run a fit of the published study takes twice as many density
 #: values; runs of twice the steps gain nothing.
