@@ -132,8 +132,8 @@ def confidence(
         Where all users set one quantity to the same value.
     """
     shown = shown_limits(display, float(omega[0]), float(omega[-1]))
-    by_stiffness, stiffness_tests = _least(shown.stiffness, stiffness, central, log=log)
-    by_damping, damping_tests = _least(shown.damping, damping, central, log=log)
+    by_stiffness, stiffness_tests = _least_confidence(shown.stiffness, stiffness, central, log=log)
+    by_damping, damping_tests = _least_confidence(shown.damping, damping, central, log=log)
     return Confidence(
         stiffness=by_stiffness,
         damping=by_damping,
@@ -147,7 +147,7 @@ def confidence(
     )
 
 
-def _least(
+def _least_confidence(
     extremes: Array,
     users: Moments,
     central: float,

@@ -298,7 +298,7 @@ def mixture_law(mean: Array, covariance: Array, batch: Indices, family: Family) 
     normals = _Normals.of(mean[order], covariance[order], axes)
     density = _mixture_density(normals, sizes, axes)
     shares = sizes / sizes.sum()
-    return _law(density, shares, axes, centre, total_covariance, family)
+    return _normalised_law(density, shares, axes, centre, total_covariance, family)
 
 
 def _quantiles(mean: Array, sd: Array, tail: float) -> Array:
@@ -357,7 +357,7 @@ def _axes(covariance: Array, bends: Array, ends: Array, family: Family) -> tuple
     return axes[0], axes[1]
 
 
-def _law(
+def _normalised_law(
     batches: Array,
     shares: Array,
     axes: tuple[Axis, Axis],
@@ -429,7 +429,7 @@ def confidence_law(
     # The bivariate t of n - 1 degrees of freedom, but for its constant.
     degrees = n - 1.0
     density = (1.0 + square / degrees) ** (-0.5 * (degrees + 2.0))
-    return _law(density[None], np.empty(0), axes, mean, covariance, family)
+    return _normalised_law(density[None], np.empty(0), axes, mean, covariance, family)
 
 
 def cell_and_fraction(place: Array, points: int) -> tuple[Indices, Array]:

@@ -63,6 +63,7 @@ _RETRY_FACTOR = 1e-3
 _SLOPE_STEP = 0.05
 # Smallest probability beyond a limit: the grid of a law leaves out a fifth of this.
 _LEAST_TAIL = 1e-5
+# The least square of a magnitude with a logarithm.
 _TINY = np.finfo(np.float64).tiny
 _SQRT_2PI = np.sqrt(2.0 * np.pi)
 

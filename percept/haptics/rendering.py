@@ -440,8 +440,8 @@ def rendered_region(loop: Loop) -> RenderedRegion:
         From b = 0 to k = 0. What lies nearer to the origin on the same ray is rendered as well:
         the load is proportional to the force.
     """
-    slant = np.linspace(0.0, 1.0, _EDGE_POINTS)
-    wall = Environment((1 - slant) * 2 / loop.period, slant)
+    damping = np.linspace(0.0, 1.0, _EDGE_POINTS)
+    wall = Environment((1 - damping) * 2 / loop.period, damping)
     if isinstance(loop.device, Device) and loop.is_rigid:
         reach = ratio(loop.device.damping, needed_damping(loop, wall).damping, empty=np.inf)
     else:

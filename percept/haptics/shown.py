@@ -110,7 +110,7 @@ class _Shown(NamedTuple):
 
 
 def _shown(display: Display, square: Polynomial) -> _Shown:
-    """Return what a display shows; its environment's mass counts with the device."""
+    """Return what a display shows over `square`, Ω²; a mass counts with the device."""
     environment = display.environment
     coupling = display.coupling
     front = environment if coupling is None else coupling
@@ -217,8 +217,8 @@ def departure(display: Display, box: Boxes, lower: float, upper: float) -> Depar
         departs = np.where(np.isnan(departs), -_LARGEST, departs)
         return -np.clip(departs, -_LARGEST, _LARGEST).reshape(omega.shape)
 
-    grid = search_grid(display.loop, _resonances(display, box), within=(lower, upper))
-    least = lowest(depth_inside, grid, 1)
+    candidates = search_grid(display.loop, _resonances(display, box), within=(lower, upper))
+    least = lowest(depth_inside, candidates, 1)
     return Departure(-float(least.value[0]), float(least.x[0]))
 
 

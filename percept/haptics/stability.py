@@ -201,8 +201,7 @@ def _searched_damping(loop: Loop, coupling: Coupling, discretization: str) -> Re
         # Differences of infinities would hide a dip from the search.
         return np.where(np.isinf(needed), -LARGEST, -needed)
 
-    grid = search_grid(replace(loop, device=_NO_DEVICE))
-    least = lowest(negative_demand, grid, k_c.size)
+    least = lowest(negative_demand, search_grid(replace(loop, device=_NO_DEVICE)), k_c.size)
     needed = np.where(least.value == -LARGEST, np.inf, -least.value)
     return RequiredDamping(stored(needed.reshape(k_c.shape)), stored(least.x.reshape(k_c.shape)))
 
@@ -381,12 +380,13 @@ def max_coupling_stiffness(
         at_nyquist = np.maximum(0.0, 2 * (np.pi * b - b_c))
         stretch = np.minimum(at_dc, at_nyquist)
     else:
-        c = ratio(b_c, b, empty=np.inf)
-        interior = (c > _DC_LIMIT) & (c < 8)
+        relative = ratio(b_c, b, empty=np.inf)
+        # From 8 on ρ is at most 1/8 even without stiffness.
+        interior = (relative > _DC_LIMIT) & (relative < 8)
         # Outside the interior any c and room serve: their root is not used.
         room = np.where(interior, ratio(8 * b - b_c, b, empty=0.0), 1.0)
-        root = _interior_root(np.where(interior, c, 7.0), room)
-        stretch = np.where(c > _DC_LIMIT, 0.0, at_dc)
+        root = _interior_root(np.where(interior, relative, 7.0), room)
+        stretch = np.where(relative > _DC_LIMIT, 0.0, at_dc)
         stretch = np.where(interior, 2 * b * root, stretch)
     return (stretch / loop.period)[()]
 

@@ -95,6 +95,7 @@ def in_range(value: float) -> float:
     return value
 
 
+#: Most is more than any file has, and few enough bytes to ask a file for.
 Count = Annotated[int, Field(ge=1, le=1 << 50, strict=True)]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(in_range)]
 

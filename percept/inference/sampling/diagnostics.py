@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 
 #: Sokal's window, in autocorrelation times.
 _WINDOW = 5.0
-#: Walkers per ensemble that are kept whatever that takes.
-_FEWEST_WALKERS = 8
+#: Walkers per ensemble that are kept, even if their values are more than was asked.
+_FEWEST_KEPT = 8
 
 
 def autocorrelation_time(series: Array) -> Array:
@@ -127,5 +127,5 @@ def normal_scores(values: Array) -> Array:
 def thin_walkers(series: Array, most: int) -> Array:
     """Thin walkers evenly, to about `most` values of a quantity and at least eight walkers."""
     ensembles, length, walkers, _ = series.shape
-    kept = max(_FEWEST_WALKERS, most // (ensembles * length))
+    kept = max(_FEWEST_KEPT, most // (ensembles * length))
     return series[:, :, :: math.ceil(walkers / kept)]

@@ -1,8 +1,9 @@
 """What a run estimates, how far that can be believed, and the gate that withholds what cannot.
 
 An estimate's influence function is the pull of each draw on it, so that the estimate's Monte Carlo
-error is the standard error of a mean of correlated numbers: SD times sqrt(tau / draws), tau being
-their autocorrelation time. `measure` finds errors, times and R-hat from the draws of all walkers.
+error is the standard error of a mean of correlated numbers. No walker sees another, so the scatter
+of the means of walkers tells it. How long a run must be follows from the autocorrelation time of
+the influence functions. `measure` finds errors, times and R-hat from the draws of all walkers.
 `pass_gate` compares them with the limits below. A run that fails it gives no numbers. A run that
 passes and misses the tolerance gives its numbers and says the error it reached.
 """

@@ -90,10 +90,10 @@ class Transport:
         mean = np.zeros((size, features.shape[1]))
         log_scale = np.zeros_like(mean)
         for k, i in enumerate(drivers):
-            first = 2 * k + 1  # Features of the drivers before this one
-            follower = _regress(features[:, :first], y[:, [i]], effective)
-            mean[i, :first] = follower.mean[0]
-            log_scale[i, :first] = follower.log_scale[0]
+            before = 2 * k + 1  # Features of the drivers before this one
+            follower = _regress(features[:, :before], y[:, [i]], effective)
+            mean[i, :before] = follower.mean[0]
+            log_scale[i, :before] = follower.log_scale[0]
         followers = _regress(features, y[:, others], effective)
         mean[others] = followers.mean
         log_scale[others] = followers.log_scale
@@ -126,17 +126,17 @@ class Transport:
         size = self.mean.shape[1]
         features = np.ones((size, z.shape[1]))
         for k, i in enumerate(self.drivers):
-            first = 2 * k + 1  # Features of the drivers before this one
-            of_mean = self.mean[i, :first]
-            of_log_scale = self.log_scale[i, :first]
+            before = 2 * k + 1  # Features of the drivers before this one
+            of_mean = self.mean[i, :before]
+            of_log_scale = self.log_scale[i, :before]
             coefficients = np.stack([of_mean, of_log_scale])
-            mean, log_scale = coefficients @ features[:first]
+            mean, log_scale = coefficients @ features[:before]
             log_jacobian += log_scale
             scale = np.exp(log_scale, out=log_scale)
             scale *= z[i]
             np.add(scale, mean, out=y[i])
-            driver = np.clip(y[i], -_CLIP, _CLIP, out=features[first])
-            square = np.square(driver, out=features[first + 1])
+            driver = np.clip(y[i], -_CLIP, _CLIP, out=features[before])
+            square = np.square(driver, out=features[before + 1])
             square -= 1.0
         return features
 

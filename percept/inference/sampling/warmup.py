@@ -4,7 +4,7 @@ A transport is a map from standard coordinates z, in which the target resembles 
 `moves`, to the target's coordinates. The warm-up begins with no draws of the target and fits ever
 better maps, each to better draws than the one before. `warm_up` takes these steps:
 
-1. The mode of the density and its curvature there give a linear map (`mode`).
+1. The mode of the density and its curvature there give a linear map (`find_mode`).
 2. Draws from the reference law are mapped. Their weights are the target's density over the law's
    (`_weigh`). Their weighted mean and covariance give the next linear map, `_ROUNDS` times.
 3. Starting points are chosen among such draws by their weights (`starting_points`).
@@ -129,7 +129,7 @@ def warm_up(
 
 
 def _linear(target: Target, rng: np.random.Generator, shape: tuple[int, int]) -> Transported:
-    """Map a target linearly: stages 1 and 2."""
+    """Map a target linearly: steps 1 and 2."""
     size = len(target.names)
     mode, covariance = find_mode(target, np.zeros(size))
     transported = Transported(target, Affine.normal(mode, covariance))
