@@ -51,7 +51,7 @@ FEWEST_FOR_MAGNITUDE = 6
 #: Frequencies per decade before the search between them: each a fifth above the one before. Only at
 #: a resonance abs(Z_h) bends over less.
 _PER_DECADE = 12
-#: Half-widths of a resonance at which abs(Z_h) is looked at on either side.
+#: Half-widths of a resonance at which abs(Z_h) is looked at on either side: each twice the last.
 _BESIDE = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 #: A distance of a score from the edge, in SDs, below which rounding and the search decide.
 _TOO_NEAR = 1e-6

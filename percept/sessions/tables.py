@@ -205,6 +205,7 @@ def _open(
     """Find out from the header what kind of table a file is."""
     options = log.options
     resolution = _with_units(grid, resolve(grid, options), options)
+    rules = resolution.rules
     file = OpenFile(grid, resolution, ids, digest, log)
     if resolution.form == "trials":
         present = {*resolution.known, *ids}
@@ -216,12 +217,12 @@ def _open(
             refuse_headless(grid)
             raise
         log.numbered |= "trial" in resolution.known
-        log.parameters |= {p for p in options.quantities if f"{p}_adj" in resolution.rules}
-        log.declared_units |= {c for c, rule in resolution.rules.items() if rule.has_known_unit}
+        log.parameters |= {name for name in options.quantities if f"{name}_adj" in rules}
+        log.declared_units |= {name for name, rule in rules.items() if rule.has_known_unit}
     for text in resolution.announced:
         file.notice(text)
-    for column in sorted(ids.keys() & resolution.rules.keys()):
-        name = resolution.rules[column].name
+    for column in sorted(ids.keys() & rules.keys()):
+        name = rules[column].name
         file.notice(f"{column} is taken from the file's name; column {name!r} is not used")
     if unused := unused_columns(grid, resolution, options):
         file.notice(f"columns not used: {shown(unused)}")
@@ -244,7 +245,10 @@ def _with_units(grid: Grid, found: Resolution, options: ReadOptions) -> Resoluti
             continue
         words.add(unit if rule.unit is None else rule.unit)
         try:
-            if rule.response in ("ratio", "log") or len({factor(u, quantity) for u in words}) > 1:
+            if (
+                rule.response in ("ratio", "log")
+                or len({factor(word, quantity) for word in words}) > 1
+            ):
                 raise UsageError("another unit")
         except UsageError:
             raise _second_header(grid, rule.name, unit) from None

@@ -326,9 +326,9 @@ def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
     options = file.options
     defaults: dict[str, str | float] = dict.fromkeys(IDS, "1")
-    defaults |= {f"{p}_ref": np.nan for p in options.quantities}
+    defaults |= {f"{name}_ref": np.nan for name in options.quantities}
     defaults["trial"] = 1
-    defaults |= {f"{p}_adj": np.nan for p in options.quantities}
+    defaults |= {f"{name}_adj": np.nan for name in options.quantities}
     if MASS in data or MASS in options.declared_references:
         defaults[MASS] = np.nan
     columns = {column: data.get(column, value) for column, value in defaults.items()}

@@ -50,7 +50,7 @@ class Memory:
     """How much of a run is held at once."""
 
     draws: int = 1 << 17  # Kept draws of a part, over all ensembles
-    numbers: int = 1 << 25  # Numbers worked out from them; two parts are held
+    numbers: int = 1 << 25  # Numbers worked out from them, 256 MiB; two parts are held
     #: Positions of a part, at least: fewer could not span the autocorrelation times the gate needs.
     fewest_positions: int = 32
 
@@ -95,6 +95,7 @@ class Chain:
         self._components: list[Array] = []  # each (E, T, W, C)
         self._closed: _Closed | None = None
         self._most_positions = self._positions_in_memory(points)
+        # Steps that the part at work is to span.
         self._goal = min(_FIRST_ROUND, self._most_positions * stride)
         self._expected: float = _BURN_IN + _FIRST_ROUND
         self._error = math.nan
@@ -233,19 +234,22 @@ class Chain:
 
     def go_on(self, run: Run) -> None:
         """Make room where memory is or will be full, and set the next goal."""
-        settling = run.steps_to_settle
         needed = max(self.steps_needed(run), _MARGIN * self.spanned)
         needed = math.ceil(min(needed, _MOST_GROWTH * self.spanned))
+        self._make_room(run)
+        wanted = max(needed - self._closed_steps, run.steps_to_settle)
+        most = self._most_positions * self._stride
+        self._goal = min(wanted, most, self._steps + self._steps_left)
+
+    def _make_room(self, run: Run) -> None:
+        """Close a full part that has settled; thin one that will be full before it has."""
         if run.gate.passed and self._full:
             self._closed = _Closed(run, self.spanned)
             self._points = []
             self._components = []
         elif not run.gate.passed:
-            while self._full or settling > self._most_positions * self._stride:
+            while self._full or run.steps_to_settle > self._most_positions * self._stride:
                 self._keep_every_second()
-        wanted = max(needed - self._closed_steps, settling)
-        most = self._most_positions * self._stride
-        self._goal = min(wanted, most, self._steps + self._steps_left)
 
     def _keep_every_second(self) -> None:
         """Thin the kept positions, in one order in memory: sums depend on it."""

@@ -400,6 +400,7 @@ class _MeanContent:
         draws = self.mean.shape[1]
         centre = self.centre[:, None]
         half_width = half_width[:, None]
+        # Of probabilities, slopes, derivatives in the centre, and squares of slopes.
         sums = np.zeros((4, len(centre)))
         for start in range(0, draws, _BLOCK):
             block = np.s_[:, start : start + _BLOCK]
