@@ -22,6 +22,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from percept.inference.classical.variability import Bounded
 from percept.inference.model.laws import Moments
@@ -41,45 +42,53 @@ _Drawn = dict[Measure, Array]
 
 @dataclasses.dataclass(frozen=True)
 class DrawLimits:
-    """Estimate and limits of draws, with the limits' Monte Carlo error."""
+    """Estimate and limits of draws, with the limits' Monte Carlo error.
+
+    What is slow to mix, such as an SD near zero, errs by more than as many independent draws would.
+    Batches of walkers are independent, and their scatter tells by how much.
+    """
 
     level: float
-    effective: int  # Independent draws that the draws are worth
+    batch: NDArray[np.intp]  # (S,) Batch of walkers that each draw is from
 
     def of(self, draws: Array) -> Bounded:
         """Bound what is drawn, (S,), by its median and quantiles.
 
-        The share of draws below a quantile errs by √(tail (1 − tail)/effective). The quantiles at
-        one such error to either side say how far the limit errs.
+        The quantiles at one error of the share of draws below a limit, to either side, say how far
+        the limit errs.
         """
-        tail = 0.5 * (1.0 - self.level)
-        error = math.sqrt(tail * (1.0 - tail) / self.effective)
-        tails = np.clip([tail, tail - error, tail + error], 0.0, 1.0)
-        lower = np.quantile(draws, tails)
-        upper = np.quantile(draws, 1.0 - tails)
-        errors = 0.5 * np.abs([lower[2] - lower[1], upper[2] - upper[1]])
+        tails = 0.5 * np.array([1.0 - self.level, 1.0 + self.level])
+        limits = np.quantile(draws, tails)
+        off = self._errors(draws[:, None] < limits)
+        beside = np.quantile(draws, np.clip([tails - off, tails + off], 0.0, 1.0))
         return Bounded(
             estimate=float(np.median(draws)),
-            lower=float(lower[0]),
-            upper=float(upper[0]),
-            error=float(errors.max()),
+            lower=float(limits[0]),
+            upper=float(limits[1]),
+            error=float(0.5 * np.max(beside[1] - beside[0])),
         )
 
     def of_laws(self, laws: Moments) -> list[Bounded]:
         """Bound what is normal given each draw, (S, L), by roots of mixtures."""
         lower, upper, influence = mixture_limits(laws.mean, laws.sd, 0.5 * (1.0 - self.level))
-        pulls = influence.std(axis=0).reshape(2, -1)
-        error = pulls.max(axis=0) / math.sqrt(self.effective)
+        error = self._errors(influence).reshape(2, -1).max(axis=0)
         estimate = laws.mean.mean(axis=0)
         columns = [estimate, lower, upper, error]
         by_law = np.stack(columns, axis=1).tolist()
         return [Bounded(*numbers) for numbers in by_law]
 
+    def _errors(self, values: Array | NDArray[np.bool_]) -> Array:
+        """Return standard errors of the means of values, (S, Q), from the scatter of batches."""
+        sizes = np.bincount(self.batch)
+        means = [np.bincount(self.batch, column) / sizes for column in values.T]
+        return np.std(means, axis=1, ddof=1) / math.sqrt(len(sizes))
+
 
 def posterior_psychophysics(fit: Fit) -> _Rows:
     """Yield the Bayesian rows of a fit that passed."""
     data = fit.data
-    limits = DrawLimits(data.asked.level, effective=len(fit.points))
+    of_every_draw = DrawLimits(data.asked.level, fit.run.batches(every=True))
+    limits = DrawLimits(data.asked.level, fit.run.batches())
     every_cell = []
     population_sd = fit.moments.population_sd
     for (parameter, environment), c in fit.column.items():
@@ -92,7 +101,7 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
             unit=float(fit.scale.unit[c]),
         )
         every_cell.append(measured)
-        yield from measured.rows("sd_subjects", limits.of(population_sd[:, c]))
+        yield from measured.rows("sd_subjects", of_every_draw.of(population_sd[:, c]))
     locations, _ = fit.model.draw(fit.points, generator(data.asked.seed, Stream.PSYCHOPHYSICS))
     every = fit.run.points.reshape(len(population_sd), -1)
     of_every = fit.model.split(every)
@@ -103,13 +112,13 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
         of_cells = every_cell[first:last]
         scales = _scales_of(model, every_draw)
         drawn = _of_cells(scales, population_sd[:, first:last])
-        yield from _rows(drawn, of_cells, limits)
+        yield from _rows(drawn, of_cells, of_every_draw)
         subjects = len(model.statistics.subjects)
         over_all = [
             dataclasses.replace(measured, environment=None, n=subjects)
             for measured in of_cells[:: len(model.statistics.environments)]
         ]
-        yield from _of_subjects(model, scales, over_all, limits)
+        yield from _of_subjects(model, scales, over_all, of_every_draw)
         yield from _slopes(model, points, over_all, limits)
         drawn = _over_all(model, _scales_of(model, points), locations[:, first:last])
         if data.scene.terms:
