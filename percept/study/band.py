@@ -193,30 +193,36 @@ def band_study(
     laws: list[BandLaw] = []
     statements: list[BandStatement] = []
     for one_band in banded:
-        of_band = list(_rows(intervals, one_band))
+        rows_of_band = list(_rows(intervals, one_band))
         ends: dict[tuple[str, Method, Family], Array] = {}
         for (method, family), limits in replicates.items():
-            rows = [row for row in of_band if (row.method, row.family) == (method, family)]
-            drawn = one_band.ends(limits)
-            environments = tuple(row.environment for row in rows)
-            size = np.array([one_band.size[name] for name in environments])
+            rows_of_method = [
+                row for row in rows_of_band if (row.method, row.family) == (method, family)
+            ]
+            drawn_ends = one_band.ends(limits)
+            environments = tuple(row.environment for row in rows_of_method)
+            sizes = np.array([one_band.size[name] for name in environments])
             # Of a family that no environment has an interval of, there is nothing to fit.
-            if not rows or environments != tuple(drawn) or not determines_laws(size):
+            if (
+                not rows_of_method
+                or environments != tuple(drawn_ends)
+                or not determines_laws(sizes)
+            ):
                 continue
-            widths = [upper - lower for lower, upper in drawn.values()]
+            widths = [upper - lower for lower, upper in drawn_ends.values()]
             redrawn = np.stack(widths, axis=1)
             tails = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]
-            for name, of_band_ends in zip(
+            for name, band_ends in zip(
                 environments, np.quantile(redrawn, tails, axis=0).T, strict=True
             ):
-                ends[name, method, family] = of_band_ends
+                ends[name, method, family] = band_ends
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's
             # bands.
-            bands = None if method == "bayesian" else np.array([row.band for row in rows])
+            bands = None if method == "bayesian" else np.array([row.band for row in rows_of_method])
             owner = BandOwner(method=method, family=family, parameter=one_band.parameter)
-            laws += band_laws(environments, size, bands, redrawn, owner, level=asked.level)
-            statements += band_statements(size, redrawn, owner)
-        for row in of_band:
+            laws += band_laws(environments, sizes, bands, redrawn, owner, level=asked.level)
+            statements += band_statements(sizes, redrawn, owner)
+        for row in rows_of_band:
             ends_of_row = ends.get((row.environment, row.method, row.family))
             if ends_of_row is not None:
                 row = dataclasses.replace(

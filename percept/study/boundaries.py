@@ -201,13 +201,12 @@ class BoundaryDrawing:
     @property
     def skipped(self) -> list[Skipped]:
         """Curves of laws that are not drawn, and why."""
-        found = []
-        for law in self._laws:
-            refused = self._curves(law).refused
-            for shape in _LAW_SHAPES:
-                if shape in refused:
-                    found.append(Skipped(_law_name(law, shape), refused[shape]))
-        return found
+        return [
+            Skipped(_law_name(law, shape), self._curves(law).refused[shape])
+            for law in self._laws
+            for shape in _LAW_SHAPES
+            if shape in self._curves(law).refused
+        ]
 
     def _own_frame(self, environment: str) -> _Frame:
         """Return what all curves of an environment share on its own grid."""

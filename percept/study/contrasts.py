@@ -59,9 +59,9 @@ def classical_contrasts(data: Data) -> _Rows:
         except RefusalError as refused:
             yield Skipped(f"contrasts of {label}", str(refused))
             continue
-        cells = [factors.cells[name] for name in data.trials(parameter).environments]
-        yield from means.contrasts(data.conditions, factors, cells)
-        for *_, level in level_means(data.conditions, factors, cells):
+        keys = [factors.cells[name] for name in data.trials(parameter).environments]
+        yield from means.contrasts(data.conditions, factors, keys)
+        for *_, level in level_means(data.conditions, factors, keys):
             yield from means.paired(level)
         if data.conditions.precision:
             yield from _precision(data, parameter, factors)
@@ -81,8 +81,8 @@ def _precision(data: Data, parameter: str, factors: Factors) -> _Rows:
         yield Skipped(label, "no subject repeats a trial in a cell")
         return
     values = _Values(data, parameter, label, of_subjects, is_of_trials=True)
-    cells = repeated_cells(trials, factors)
-    yield from values.contrasts(data.conditions.precise, factors, cells)
+    keys = repeated_cells(trials, factors)
+    yield from values.contrasts(data.conditions.precise, factors, keys)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,12 +95,10 @@ class _Values:
     cells: SubjectCells
     is_of_trials: bool = False  # Whether they are log SDs
 
-    def contrasts(
-        self, conditions: Conditions, factors: Factors, cells: Sequence[CellKey]
-    ) -> _Rows:
+    def contrasts(self, conditions: Conditions, factors: Factors, keys: Sequence[CellKey]) -> _Rows:
         """Yield the rows of every pair of levels and every interaction."""
         lacking = "repeated trials" if self.is_of_trials else "data"
-        for comparison in comparisons(conditions, factors, cells, self.label, lacking):
+        for comparison in comparisons(conditions, factors, keys, self.label, lacking):
             if isinstance(comparison, Skipped):
                 yield comparison
             elif comparison.within:

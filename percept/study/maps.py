@@ -201,8 +201,8 @@ def _map_of(name: str | None, judges: Sequence[_Judge]) -> EnvironmentCouplings:
             outcome = "none"
         if outcome != "undecided":
             break
-        for of_environment in judges:
-            of_environment.couplings.only_deciding()
+        for environment_judge in judges:
+            environment_judge.couplings.only_deciding()
     return EnvironmentCouplings(
         name=name,
         damping=damping,
@@ -245,18 +245,18 @@ class _Couplings:
         if self._stable.devices is not None:
             stable = self._stable.probability(flat, damping_of_each)
         least = np.ones(flat.size)
-        for of_environment in self._judges:
+        for environment_judge in self._judges:
             maybe = np.flatnonzero(least * stable > 0.0)
             if maybe.size:
                 couplings = Coupling(flat[maybe], damping_of_each[maybe])
-                found = of_environment.couplings.probabilities(couplings, self.draws)
+                found = environment_judge.couplings.probabilities(couplings, self.draws)
                 least[maybe] = np.minimum(least[maybe], found)
         return (stable * least).reshape(stiffness.shape)
 
     def surely_none(self) -> bool:
         """Whether two errors above every probability no coupling reaches the decision."""
-        best = float(self.probability.max(initial=0.0))
-        return best + _ERRORS * share_error(best, self.draws) < self._decision
+        highest = float(self.probability.max(initial=0.0))
+        return highest + _ERRORS * share_error(highest, self.draws) < self._decision
 
     def confirmed_end(self, end: End) -> ConfirmedCoupling | None:
         """Return the stiffest or the softest coupling that surely reaches the decision."""

@@ -150,8 +150,7 @@ def trials(
     measured = set(table["environment"])
     environments = tuple(name for name in sessions.environments if name in measured)
     if table.groupby("environment")["subject"].nunique().max() < 2:
-        message = "no environment has two subjects to tell users apart."
-        raise RefusalError(message, hint=IF_BY_TRIAL)
+        raise RefusalError("no environment has two subjects to tell users apart.", hint=IF_BY_TRIAL)
     reference = np.array([[references[p, name] for name in environments] for p in parameters])
     unit = reference.copy()
     for p, name in enumerate(parameters):
@@ -262,22 +261,9 @@ def lacking_scatter(
     """
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
-    for what, is_still in (
-        ("all subjects made the same adjustments", between),
-        ("no subject's trials differ", trial),
-    ):
-        for parameter, cells in zip(statistics.parameters, is_still, strict=True):
-            if cells.any() and parameter not in steps:
-                quantity = quantities[parameter]
-                names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
-                raise RefusalError(
-                    f"{what} in {quantity.label} of {names}: zero scatter has no proper posterior.",
-                    column=f"{parameter}_adj",
-                    hint=(
-                        f"Give the adjustment's step in {quantity.unit or 'its own unit'}: "
-                        f"[model] resolution.{parameter}."
-                    ),
-                )
+    alike = "all subjects made the same adjustments"
+    _refuse_without_step(alike, between, statistics, steps, quantities)
+    _refuse_without_step("no subject's trials differ", trial, statistics, steps, quantities)
     has_step = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
     if len(statistics.parameters) == 2:
         means = statistics.cell_means
@@ -305,6 +291,28 @@ def lacking_scatter(
     return between & has_step, trial & has_step
 
 
+def _refuse_without_step(
+    what: str,
+    is_still: NDArray[np.bool_],
+    statistics: Statistics,
+    steps: Collection[str],
+    quantities: Quantities,
+) -> None:
+    """Refuse cells without any scatter, `is_still` (P, J), of a quantity without a step."""
+    for parameter, cells in zip(statistics.parameters, is_still, strict=True):
+        if cells.any() and parameter not in steps:
+            quantity = quantities[parameter]
+            names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
+            raise RefusalError(
+                f"{what} in {quantity.label} of {names}: zero scatter has no proper posterior.",
+                column=f"{parameter}_adj",
+                hint=(
+                    f"Give the adjustment's step in {quantity.unit or 'its own unit'}: "
+                    f"[model] resolution.{parameter}."
+                ),
+            )
+
+
 def _in_proportion(scatter: list[Array], df: Array) -> bool:
     """Say whether in every environment the two rows of the scatter (2, n) are multiples."""
     informed = [pair for pair, freedom in zip(scatter, df, strict=True) if freedom >= 1]
@@ -313,7 +321,6 @@ def _in_proportion(scatter: list[Array], df: Array) -> bool:
     # What is left of a regression, over what is regressed, is the root of 1 - r².
     strong = np.abs(correlations) >= np.sqrt(1.0 - _PROPORTION**2)
     one_sign = abs(np.sign(correlations).sum()) == correlations.size
-    near = strong.all() and one_sign
     # Near a correlation of one the density of such pairs grows as (1 - rho²)^(-(f - 1)/2) for every
     # environment's f degrees of freedom; from four such half powers on no prior of rho holds it.
-    return bool(near and (df[df >= 1] - 1.0).sum() >= 4.0)
+    return bool(strong.all() and one_sign and (df[df >= 1] - 1.0).sum() >= 4.0)

@@ -299,17 +299,17 @@ def _condition_name(factors: Factors, cell: int) -> str:
 
 def columns_by_quantity(
     terms: tuple[Term, ...],
-    size: int,
+    quantities: int,
     cells: int,
 ) -> Array:
     """Columns of terms, each once for every quantity that it enters alone: (k P, P, C)."""
     columns = []
     for term in terms:
         for column in term.columns:
-            for p in range(size):
+            for p in range(quantities):
                 alone = np.zeros_like(column)
                 alone[p] = column[p]
                 columns.append(alone)
     if not columns:
-        return np.zeros((0, size, cells))
+        return np.zeros((0, quantities, cells))
     return np.stack(columns)

@@ -65,11 +65,11 @@ class Eliminated:
     ) -> None:
         self._factor = factor
         self._explained = explained[:, :-1]
-        size = len(joint) - 1
+        other_count = len(joint) - 1
         # The row of the data below the square becomes the whitened right side.
-        whole = lower_factor(joint[:, :size])
-        self._factor_of_others = whole[:size]
-        self.others = solve_upper(self._factor_of_others, whole[size])
+        whole = lower_factor(joint[:, :other_count])
+        self._factor_of_others = whole[:other_count]
+        self.others = solve_upper(self._factor_of_others, whole[other_count])
         fitted = np.einsum("kcbw,cw->kbw", self._explained, self.others)
         self.blocks = solve_upper(factor, explained[:, -1] - fitted)
         self.log_determinant = 2.0 * log_diagonal(factor).sum(axis=0)
@@ -218,10 +218,10 @@ class SubjectCovariance:
 
     def scatter_distance(self, rows: Array) -> Array:
         """Sum of r'V⁻¹r over rows r (n, P, E) that all draws share, (W,)."""
-        effects, size, cells, width = self._weighted_effects.shape
+        effects, quantities, cells, width = self._weighted_effects.shape
         # One product of matrices: faster than a sum for each draw.
-        by_cell = self._weighted_effects.reshape(effects, size * cells, width)
-        products = rows.reshape(len(rows), size * cells) @ by_cell
+        by_cell = self._weighted_effects.reshape(effects, quantities * cells, width)
+        products = rows.reshape(len(rows), quantities * cells) @ by_cell
         best = solve_upper(self._factor, solve_lower(self._factor, products))
         by_cell = self._noise.distance(self._unexplained(rows[..., None], best))
         return np.asarray(by_cell.sum(axis=0) + np.einsum("qnw,qnw->w", best, best))

@@ -206,9 +206,9 @@ class LinearLaw(Law):
 
     def user_columns(self, weights: Array) -> Array:
         """Columns (W, L, K) of the same combinations of one user about the locations'."""
-        size = self._rows.size
+        quantities = self._rows.size
         cells = self._rows.cells
-        of_cells = weights[:, : size * cells].reshape(-1, size, cells)
+        of_cells = weights[:, : quantities * cells].reshape(-1, quantities, cells)
         columns = [np.einsum("lpc,qpcw->wlq", of_cells, self._scales.effects)]
         for parts in self._scales.between.factor_columns():
             columns.append(np.einsum("lpc,pcw->wlc", of_cells, np.stack(parts)))

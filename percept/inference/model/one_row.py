@@ -84,12 +84,12 @@ class OneRow:
         own: Array,
         fixed: Array,
     ) -> None:
-        size, cells = design.cells.x.shape
+        quantities, cells = design.cells.x.shape
         subjects = np.zeros(cells)
         trials = np.ones(cells)
-        mean = np.zeros((size, cells))
+        mean = np.zeros((quantities, cells))
         most_rows = max(pattern.rows.shape[1] for pattern in statistics.patterns)
-        rows = np.zeros((most_rows, size, cells))
+        rows = np.zeros((most_rows, quantities, cells))
         for pattern in statistics.patterns:
             present = pattern.environments
             subjects[present] = pattern.subjects
@@ -142,8 +142,8 @@ class OneRow:
     def draws_per_pass(self, effects: int) -> int:
         """Draws worked on at once, for so many columns of subjects' effects."""
         most_cells, environments = self._cells_of_environment.shape
-        own, size, _ = self._own.shape
-        rows = (size * most_cells + own) * environments
+        own, quantities, _ = self._own.shape
+        rows = (quantities * most_cells + own) * environments
         numbers = max((effects + len(self._fixed_and_mean)) * rows, self._contrasts.size)
         return min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)
 
@@ -195,8 +195,8 @@ class OneRow:
         no_cell = np.zeros_like(columns[:, :, :1])
         padded = np.concatenate([columns, no_cell], axis=2)
         apart = padded[:, :, self._cells_of_environment]
-        count, size, most_cells, environments, width = apart.shape
-        return apart.reshape(count, size * most_cells, environments, width)
+        count, quantities, most_cells, environments, width = apart.shape
+        return apart.reshape(count, quantities * most_cells, environments, width)
 
 
 class _Regressed:
@@ -225,8 +225,8 @@ def _whitened(
     constant: Array,
 ) -> Array:
     """Columns (k, P, C, W), then columns (m, P, C) that all draws share: over unit noise."""
-    count, size, cells, width = varying.shape
-    rows = np.empty((count + len(constant), size, cells, width))
+    count, quantities, cells, width = varying.shape
+    rows = np.empty((count + len(constant), quantities, cells, width))
     # What is equal in all draws is not repeated for each.
     for target, columns in ((rows[:count], varying), (rows[count:], constant[..., None])):
         for p, part in enumerate(covariance.whiten(tuple(columns.swapaxes(0, 1)))):

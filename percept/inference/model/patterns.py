@@ -283,37 +283,38 @@ class _Exact:
         effects: list[EffectColumn],
         deviation_sd: Array,
     ) -> None:
-        size = rows.columns.shape[1]
+        latents = rows.columns.shape[1]
         width = deviation_sd.shape[1]
-        count = len(effects)
-        whole = np.empty((count + size + 1, *rows.data.shape, width))  # [Z, X, y], (…, P, U, W)
+        effect_count = len(effects)
+        # [Z, X, y], (…, P, U, W)
+        whole = np.empty((effect_count + latents + 1, *rows.data.shape, width))
         for a, (number, column) in enumerate(effects):
             multiplier = rows.multipliers[number]
             np.multiply(column[:, rows.kind], multiplier[:, None], out=whole[a])
-        columns = rows.columns.toarray().T.reshape(size, *rows.data.shape)
-        whole[count:-1] = columns[..., None]
-        own = slice(count, count + rows.deviations)
+        columns = rows.columns.toarray().T.reshape(latents, *rows.data.shape)
+        whole[effect_count:-1] = columns[..., None]
+        own = slice(effect_count, effect_count + rows.deviations)
         whole[own] *= deviation_sd[:, None, None]
         whole[-1] = rows.data[..., None]
         by_quantity = tuple(whole.swapaxes(0, 1))
         whitened = np.stack(noise[rows.kind].whiten(by_quantity))
         by_draw = whitened.transpose(3, 2, 0, 1)  # (W, U, P, q + K + 1)
         log_determinant = np.zeros(width)
-        left = [_unit_rows(size, size + 1, width)]
+        left = [_unit_rows(latents, latents + 1, width)]
         for g in range(rows.patterns):
             of_pattern = by_draw[:, rows.pattern == g]
             flat = of_pattern.reshape(width, -1, len(whole))
-            triangle = _triangle([flat, _unit_rows(count, len(whole), width)])
-            log_determinant += _log_pivots(triangle[:, :count, :count])
-            left.append(triangle[:, count:, count:])
+            triangle = _triangle([flat, _unit_rows(effect_count, len(whole), width)])
+            log_determinant += _log_pivots(triangle[:, :effect_count, :effect_count])
+            left.append(triangle[:, effect_count:, effect_count:])
         triangle = _triangle(left)
-        log_determinant += _log_pivots(triangle[:, :size, :size])
+        log_determinant += _log_pivots(triangle[:, :latents, :latents])
         distance = np.zeros(width)
-        if triangle.shape[1] > size:
-            distance = triangle[:, size, size] ** 2
+        if triangle.shape[1] > latents:
+            distance = triangle[:, latents, latents] ** 2
         #: R⁻¹, (W, K, K)
-        self._inverse = np.linalg.inv(triangle[:, :size, :size])
-        self.best = np.einsum("wkl,wl->kw", self._inverse, triangle[:, :size, size])
+        self._inverse = np.linalg.inv(triangle[:, :latents, :latents])
+        self.best = np.einsum("wkl,wl->kw", self._inverse, triangle[:, :latents, latents])
         self.log_density = -log_determinant - 0.5 * distance
 
     def columns(self, weights: Array) -> Array:

@@ -58,9 +58,9 @@ def trend_rows(model: LinearModel) -> dict[str, Array]:
 
 def _location_rows(model: LinearModel, design: Design) -> Array:
     """Weights (C, P, R) of the C cells of a design on the fixed terms' coefficients."""
-    size, cells = design.cells.x.shape
-    fixed = columns_by_quantity(design.fixed, size, cells)
-    rows = np.zeros((cells, size, model.locations))
+    quantities, cells = design.cells.x.shape
+    fixed = columns_by_quantity(design.fixed, quantities, cells)
+    rows = np.zeros((cells, quantities, model.locations))
     # Coefficients are the last of the locations.
     rows[..., model.locations - len(fixed) :] = fixed.transpose(2, 1, 0)
     return rows
@@ -145,15 +145,15 @@ def _new_laws(
 ) -> Joint:
     """Laws of a design's new cells, at the points of one pass."""
     scales = model.linear_scales(points)
-    size, cells = design.cells.x.shape
+    quantities, cells = design.cells.x.shape
     on_line = model.law(points).joint(_location_rows(model, design))
-    deviation = columns_by_quantity(design.deviation, size, cells)
+    deviation = columns_by_quantity(design.deviation, quantities, cells)
     variance = np.einsum("apc,aw->wcp", deviation**2, scales.cells.tau**2)
     location = on_line.location
-    quantity = np.arange(size)
+    quantity = np.arange(quantities)
     location[..., quantity, quantity] += variance
     effects = effect_columns(scales.cells.covariances, scales.cells.sizes, design)
-    of_effects = np.zeros((len(points), cells, size, size))
+    of_effects = np.zeros((len(points), cells, quantities, quantities))
     for column in effects:
         of_effects += np.einsum("pcw,rcw->wcpr", column, column)
     sd = _new_sds(model, scales, design, repeats, rng)
@@ -166,7 +166,7 @@ def _new_laws(
     return Joint(
         mean=np.repeat(on_line.mean, repeats, axis=0),
         location=np.repeat(location, repeats, axis=0),
-        users=users.reshape(-1, cells, size, size),
+        users=users.reshape(-1, cells, quantities, quantities),
     )
 
 
@@ -180,9 +180,9 @@ def _new_sds(
     """SDs (W, repeats, C, P) of users within new cells, log sigma drawn about its mean."""
     level = model.coordinates.between
     named = scales.named
-    size, cells = design.cells.x.shape
+    quantities, cells = design.cells.x.shape
     width = len(scales.log_prior)
-    log_sigma = np.full((size, cells, width), model.priors.log_s_mean)
+    log_sigma = np.full((quantities, cells, width), model.priors.log_s_mean)
     columns = [column for term in design.sd_between for column in term.columns]
     for name, column in zip(level.coefficients, columns, strict=True):
         # The columns carry the prior SDs of their coefficients.
@@ -191,8 +191,8 @@ def _new_sds(
     by_draw = np.repeat(log_sigma.T[:, None], repeats, axis=1)
     if level.departures:
         # Standard normals that fill the square evenly, `repeats` in turn for each draw.
-        steps = np.multiply.outer(np.arange(width * repeats), _STEPS_IN_SQUARE[:size])
-        uniforms = (steps[:, None] + rng.random((cells, size))) % 1.0
+        steps = np.multiply.outer(np.arange(width * repeats), _STEPS_IN_SQUARE[:quantities])
+        uniforms = (steps[:, None] + rng.random((cells, quantities))) % 1.0
         normals = special.ndtri(np.clip(uniforms, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY))
         omega = named["omega"].T[:, None, None]
         by_draw += omega * normals.reshape(by_draw.shape)

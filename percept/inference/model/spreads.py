@@ -296,8 +296,8 @@ class SpreadMap:
 
     def _squares(self, weight: Array) -> Array:
         """U' diag(x) U, (K, K, W), for weights x (C, W)."""
-        size = len(self._loadings)
-        return (self._products @ weight).reshape(size, size, -1)
+        count = len(self._loadings)
+        return (self._products @ weight).reshape(count, count, -1)
 
 
 def _plus_diagonal(matrices: Array, value: Array) -> Array:

@@ -55,8 +55,8 @@ class _Table:
     ) -> _Table:
         """Spread groups of trials over subjects and cells."""
         of_groups = scatter.squares
-        size = len(of_groups)
-        squares = np.zeros((size, subjects, cells))
+        quantities = len(of_groups)
+        squares = np.zeros((quantities, subjects, cells))
         squares[:, scatter.subject, scatter.cell] = of_groups
         df = np.zeros((subjects, cells))
         df[scatter.subject, scatter.cell] = scatter.df
@@ -65,8 +65,8 @@ class _Table:
 
     def rough_log_sds(self) -> Array:
         """Log SDs of subjects less those of the cells, fitted to one another in turns, (P, N)."""
-        size, subjects, _ = self.squares.shape
-        rough = np.zeros((size, subjects))
+        quantities, subjects, _ = self.squares.shape
+        rough = np.zeros((quantities, subjects))
         squares_by_cell = self.squares.swapaxes(1, 2)
         df_by_cell = self.df.swapaxes(1, 2)
         for _ in range(_ROUGH_TURNS):

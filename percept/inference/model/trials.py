@@ -142,8 +142,10 @@ def _with_covariates(
     )
     unexplained = triangles[:, varying:, varying:]
     if statistics.scatter.subject is None:
-        size = response.shape[1]
-        unexplained = _triangles(unexplained.reshape(-1, size), np.repeat(cell[first], size), cells)
+        quantities = response.shape[1]
+        unexplained = _triangles(
+            unexplained.reshape(-1, quantities), np.repeat(cell[first], quantities), cells
+        )
     scatter = dataclasses.replace(statistics.scatter, rows=unexplained.transpose(2, 1, 0))
     about_slopes = _without_own_slopes(
         departures[:, :varying], departures[:, varying:], subject, cell
