@@ -164,9 +164,9 @@ def _redrawn_limits(
     """
     n = int(np.asarray(moments.n))
     df = n - 1
-    half = 0.5 * df
+    half_df = 0.5 * df
     mean = float(moments.mean) + float(moments.sd) / np.sqrt(n) * rng.standard_normal(_BOOTSTRAP)
-    log_bias = 0.5 * (special.digamma(half) - np.log(half))
+    log_bias = 0.5 * (special.digamma(half_df) - np.log(half_df))
     sd_ratio = np.sqrt(rng.chisquare(df, _BOOTSTRAP) / df)
     interval = interval_of("user", moments, Claim(**claim_of(asked), family=family))
     assert interval.factor is not None

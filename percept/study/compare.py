@@ -119,8 +119,8 @@ def _intervals(first: Study, second: Study) -> pd.DataFrame:
 
 def _left_out(of_a: Sequence[str], of_b: Sequence[str]) -> Iterator[str]:
     """Name the environments, or parameters, that one study has alone."""
-    for label, own, other in (("A", of_a, of_b), ("B", of_b, of_a)):
-        alone = [name for name in own if name not in other]
+    for label, names, other in (("A", of_a, of_b), ("B", of_b, of_a)):
+        alone = [name for name in names if name not in other]
         if alone:
             yield f"Only {label} has {', '.join(alone)}: left out."
 
@@ -132,11 +132,11 @@ def _without_difference(
     environments = [name for name in first.data.environments if name in second.data.environments]
     parameters = [name for name in first.data.parameters if name in second.data.parameters]
     for method in dict.fromkeys(row["method"] for row in differences):
-        known = {
+        with_difference = {
             (row["parameter"], row["environment"]) for row in differences if row["method"] == method
         }
         for parameter in parameters:
-            lacking = [name for name in environments if (parameter, name) not in known]
+            lacking = [name for name in environments if (parameter, name) not in with_difference]
             if lacking:
                 where = ", ".join(lacking)
                 yield (

@@ -268,8 +268,8 @@ def _read_draws(file: str, parameters: tuple[str, ...], limits: FileLimits) -> A
     columns = []
     for name in parameters:
         if name not in table.columns:
-            there = ", ".join(table.columns)
-            raise UsageError(f"There is no column {name!r}; there are {there}.", file=file)
+            columns_found = ", ".join(table.columns)
+            raise UsageError(f"There is no column {name!r}; there are {columns_found}.", file=file)
         values = pd.to_numeric(table[name], errors="coerce").to_numpy(float)
         wrong = np.flatnonzero(~((values > 0.0) & np.isfinite(values)))
         if wrong.size:
@@ -368,8 +368,8 @@ def _best_regions(setup: Setup, regions: Sequence[Region], family: str) -> list[
             continue
         if region.environment not in setup.references:
             continue
-        kept = best.setdefault(region.environment, region)
-        if _rank(region, family) > _rank(kept, family):
+        best_yet = best.setdefault(region.environment, region)
+        if _rank(region, family) > _rank(best_yet, family):
             best[region.environment] = region
     return list(best.values())
 

@@ -191,8 +191,8 @@ def _weighed(model: LinearModel, data: Data, p: int, comparison: Comparison, of:
     # Locations are cells quantity by quantity, then slopes of all quantities by covariate.
     row = np.zeros(model.locations)
     if of == "slope":
-        m = data.conditions.covariates.index(comparison.factor)
-        row[(len(keys) + m) * len(quantities) + p] = 1.0
+        covariate = data.conditions.covariates.index(comparison.factor)
+        row[(len(keys) + covariate) * len(quantities) + p] = 1.0
         return Contrast(quantities[p], comparison, of, row, len(present))
     weights = comparison.row(keys)
     row[p * len(keys) : (p + 1) * len(keys)] = weights

@@ -45,7 +45,8 @@ from percept.study.verdicts import MapUsers, frequencies, relative_sd
 _END_DRAWS = 2048
 #: Standard errors by which a probability surely differs from the decision.
 _ERRORS = 2.0
-#: Lines of damping of a map, and stiffnesses on each.
+#: Lines of damping of a map, on which its ends lie, and stiffnesses on each: over the least span
+#: 6 % apart.
 _LINES = 33
 _STIFFNESSES = 41
 #: The last line is a hair's breadth below the largest stable damping, where nothing is left.

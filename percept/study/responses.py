@@ -315,12 +315,12 @@ def _refuse_without_step(
 
 def _in_proportion(scatter: list[Array], df: Array) -> bool:
     """Say whether in every environment the two rows of the scatter (2, n) are multiples."""
-    informed = [pair for pair, freedom in zip(scatter, df, strict=True) if freedom >= 1]
+    informed = [pair for pair, pair_df in zip(scatter, df, strict=True) if pair_df >= 1]
     with np.errstate(invalid="ignore"):
         correlations = np.array([a @ b / np.sqrt((a @ a) * (b @ b)) for a, b in informed])
     # What is left of a regression, over what is regressed, is the root of 1 - r².
-    strong = np.abs(correlations) >= np.sqrt(1.0 - _PROPORTION**2)
-    one_sign = abs(np.sign(correlations).sum()) == correlations.size
+    is_near_one = np.abs(correlations) >= np.sqrt(1.0 - _PROPORTION**2)
+    is_one_sign = abs(np.sign(correlations).sum()) == correlations.size
     # Near a correlation of one the density of such pairs grows as (1 - rho²)^(-(f - 1)/2) for every
     # environment's f degrees of freedom; from four such half powers on no prior of rho holds it.
-    return bool(strong.all() and one_sign and (df[df >= 1] - 1.0).sum() >= 4.0)
+    return bool(is_near_one.all() and is_one_sign and (df[df >= 1] - 1.0).sum() >= 4.0)

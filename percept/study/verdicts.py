@@ -207,15 +207,15 @@ def study_verdicts(
         omega = frequencies(setup, environment, spread, scene)
         for coupled in (False, True) if setup.coupling is not None else (False,):
             display = setup.display(environment, coupled=coupled)
-            evidence = together = by_part = fiducial = None
-            without: list[float] = []
+            evidence = stable_and_real = by_part = fiducial = None
+            without_each: list[float] = []
             if of_users is not None:
                 evidence = _by_posterior(setup, environment, of_users, scene, coupled=coupled)
-                renders = stable.get((environment, coupled))
-                together = _stable_and_real(setup, display, evidence, stable=renders)
+                is_stable = stable.get((environment, coupled))
+                stable_and_real = _stable_and_real(setup, display, evidence, stable=is_stable)
                 if environment in weights:
-                    draw_weights = weights[environment][: evidence.draws]
-                    without = (evidence.real @ draw_weights / draw_weights.sum(axis=0)).tolist()
+                    by_draw = weights[environment][: evidence.draws]
+                    without_each = (evidence.real @ by_draw / by_draw.sum(axis=0)).tolist()
             if of_subjects is not None and scene.inference.method != "bayesian":
                 by_part, fiducial = _by_subjects(of_subjects, display, omega, scene)
             if evidence is not None or by_part is not None:
@@ -223,8 +223,8 @@ def study_verdicts(
                 yield dataclasses.replace(
                     verdict,
                     coupled=coupled,
-                    stable_and_real=together,
-                    without=tuple(map(known, without)),
+                    stable_and_real=stable_and_real,
+                    without=tuple(map(known, without_each)),
                 )
 
 

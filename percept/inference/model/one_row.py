@@ -122,7 +122,7 @@ class OneRow:
             rows = regressed.rows
             of_noise = noise.scaled(1.0 / self._subjects).log_determinant().sum(axis=0)
             log_determinant = of_noise + 2.0 * log_diagonal(regressed.factor).sum(axis=0)
-        joint = _products(rows)
+        joint = _joint_precision(rows)
         latents = len(joint) - 1
         factor = lower_factor(joint[:, :latents])
         solution = solve_upper(factor[:latents], factor[latents])
@@ -136,7 +136,7 @@ class OneRow:
         """Own deviations, effects and fixed columns' coefficients that fit best, and their law."""
         effects = scales.effects / np.sqrt(self._subjects)
         regressed = self._regressed(self._noise(scales), scales, effects)
-        solved = Eliminated(regressed.factor, regressed.explained, _products(regressed.rows))
+        solved = Eliminated(regressed.factor, regressed.explained, _joint_precision(regressed.rows))
         return Latents(solved, own_first=True, rest=len(self._fixed_and_mean) - 1)
 
     def draws_per_pass(self, effects: int) -> int:
@@ -234,7 +234,7 @@ def _whitened(
     return rows
 
 
-def _products(rows: Array) -> Array:
+def _joint_precision(rows: Array) -> Array:
     """Lower triangle of I + A'A for columns (K + 1, M, W), the data last: (K + 1, K + 1, W)."""
     count, _, width = rows.shape
     joint = np.zeros((count, count, width))

@@ -158,10 +158,10 @@ class _Solution:
         own_by_own, own_by_rest, rest_by_rest = self._products_of_latents()
         of_rest = by_columns[:, deviations:]
         if not self._own_first:
-            joint = _joint(with_prior(own_by_own), own_by_rest, rest_by_rest)
+            joint = _joint_precision(with_prior(own_by_own), own_by_rest, rest_by_rest)
             return eliminate(with_prior(effects), by_columns, joint)
         count, _, patterns, width = by_columns.shape
-        joint = _joint(with_prior(effects), of_rest, rest_by_rest)
+        joint = _joint_precision(with_prior(effects), of_rest, rest_by_rest)
         by_own = by_columns[:, :deviations]
         by_environment = by_own.reshape(count, own_columns, rows.environments, patterns, width)
         own_by_effects = by_environment.transpose(1, 0, 3, 2, 4)
@@ -240,7 +240,7 @@ class _Solution:
         return _Exact(self._rows, self._noise[:, lost], effects, self._deviation_sd[:, lost])
 
 
-def _joint(
+def _joint_precision(
     blocks: Array,
     by_rest: Array,
     rest: Array,
@@ -250,13 +250,13 @@ def _joint(
     The first unknowns are B independent blocks, (k, k, B, W), and (k, r + 1, B, W) by the rest; the
     rest is (r, r + 1, W) without its prior.
     """
-    count, others, number, width = by_rest.shape
-    first = count * number
+    count, others, block_count, width = by_rest.shape
+    first = count * block_count
     joint = np.zeros((first + others, first + others, width))
-    place = np.arange(number)
+    block = np.arange(block_count)
     for a in range(count):
         for b in range(count):
-            joint[a * number + place, b * number + place] = blocks[a, b]
+            joint[a * block_count + block, b * block_count + block] = blocks[a, b]
     joint[first:, :first] = by_rest.swapaxes(0, 1).reshape(others, first, width)
     joint[first:, first:-1] = rest.swapaxes(0, 1)
     diagonal = np.arange(first, len(joint))

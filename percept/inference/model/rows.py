@@ -149,14 +149,14 @@ class Rows:
         self.data = self._root_subjects * np.concatenate(means, axis=1)
         self._unit_is_mean = np.ones(len(self.cell), dtype=bool)
         #: Of covariates, (M, U).
-        self._values = np.zeros((0, len(self.cell)))
+        self._covariate_values = np.zeros((0, len(self.cell)))
         within: list[int] = []
         covariates = statistics.covariates
         if covariates is not None:
             within = [covariates.names.index(name) for name in covariates.within]
             self._append_trials(statistics, covariates)
         of_means = self._unit_is_mean.astype(float)
-        self.multipliers = np.concatenate([of_means[None], self._values[within]])
+        self.multipliers = np.concatenate([of_means[None], self._covariate_values[within]])
 
     def _append_trials(self, statistics: Statistics, covariates: Covariates) -> None:
         """Append rows of trials, and take the covariates: each pattern is a subject."""
@@ -171,7 +171,7 @@ class Rows:
         self._root_subjects = np.append(self._root_subjects, np.zeros(row_count))
         self._unit_is_mean = np.append(self._unit_is_mean, np.zeros(row_count, dtype=bool))
         self.data = np.hstack([self.data, covariates.row_responses])
-        self._values = np.hstack([values_of_means, covariates.row_values])
+        self._covariate_values = np.hstack([values_of_means, covariates.row_values])
 
     def _set_kinds(self, scatter: TrialScatter) -> None:
         """Give every kind of units a number."""
@@ -185,12 +185,12 @@ class Rows:
         self.trial_groups = groups
         of_units = groups[self.cell, self.pattern]
         labels = np.stack([self._unit_is_mean, self.cell, of_units, self._trials])
-        kinds, kind = np.unique(labels, axis=1, return_inverse=True)
+        labels_of_kind, kind = np.unique(labels, axis=1, return_inverse=True)
         self.kind = kind.ravel()
-        self._kind_is_mean = kinds[0]
-        self._cell_of_kind = kinds[1].astype(np.intp)
-        self._group_of_kind = kinds[2].astype(np.intp)
-        self._trials_of_kind = kinds[3]
+        self._kind_is_mean = labels_of_kind[0]
+        self._cell_of_kind = labels_of_kind[1].astype(np.intp)
+        self._group_of_kind = labels_of_kind[2].astype(np.intp)
+        self._trials_of_kind = labels_of_kind[3]
         #: Means of each kind: degrees of freedom of trials are counted elsewhere.
         self.means_of_kind = np.bincount(self.kind) * self._kind_is_mean
 
@@ -209,13 +209,13 @@ class Rows:
     def _set_columns(self, covariate_sd: float) -> None:
         """Store the columns of units."""
         quantities = covariate_sd * np.eye(self.size)
-        of_slopes = np.einsum("mu,pq->mpqu", self._values, quantities)
+        of_slopes = np.einsum("mu,pq->mpqu", self._covariate_values, quantities)
         of_fixed = self.fixed[:, :, self.cell] * self._root_subjects
         #: Columns of the rest, (r, P, U), and of own deviations in any environment, (a, P, U).
-        self._rest = np.concatenate([of_fixed, of_slopes.reshape(-1, *self.data.shape)])
-        self._own_units = self.own[:, :, self.cell] * self._root_subjects
-        own = self._apart(self._own_units, self.environment[self.cell])
-        columns = np.concatenate([own, self._rest])
+        self._rest_of_units = np.concatenate([of_fixed, of_slopes.reshape(-1, *self.data.shape)])
+        self._own_of_units = self.own[:, :, self.cell] * self._root_subjects
+        own = self._apart(self._own_of_units, self.environment[self.cell])
+        columns = np.concatenate([own, self._rest_of_units])
         self.columns = sparse.csr_array(columns.reshape(len(columns), -1).T)
 
     def _apart(self, columns: Array, environment: Indices) -> Array:
@@ -229,22 +229,24 @@ class Rows:
         """Sum products of the latents' columns over the units of each kind, the data last."""
         kinds = len(self.means_of_kind)
         environment_of_kind = self.environment[self._cell_of_kind]
-        rest = np.concatenate([self._rest, self.data[None]])
+        rest = np.concatenate([self._rest_of_units, self.data[None]])
         one_group = np.zeros(kinds, dtype=np.intp)
         #: Times the parts of precisions of all kinds, these give the information of the latents.
-        self.own_by_own = self._products(self._own_units, self._own_units, environment_of_kind)
-        self.own_by_rest = self._products(self._own_units, rest, environment_of_kind)
-        self.rest_by_rest = self._products(self._rest, rest, one_group)
+        self.own_by_own = self._products(
+            self._own_of_units, self._own_of_units, environment_of_kind
+        )
+        self.own_by_rest = self._products(self._own_of_units, rest, environment_of_kind)
+        self.rest_by_rest = self._products(self._rest_of_units, rest, one_group)
 
     def _set_products_of_effects(self) -> None:
         """Sum products of multipliers, and of these with columns, by pattern and kind."""
         kinds = len(self.means_of_kind)
         #: By pairs of multipliers, sums over the units of a pattern and kind, (G, kinds).
         self.effects_by_effects = {}
-        place = self.pattern * kinds + self.kind
+        pattern_and_kind = self.pattern * kinds + self.kind
         for a, first in enumerate(self.multipliers):
             for b, second in enumerate(self.multipliers[: a + 1]):
-                sums = np.bincount(place, first * second, self.patterns * kinds)
+                sums = np.bincount(pattern_and_kind, first * second, self.patterns * kinds)
                 self.effects_by_effects[a, b] = sums.reshape(self.patterns, kinds)
         #: By multiplier, columns and data summed over units: (G (a J + r + 1), P kinds).
         columns = self.columns.toarray()
