@@ -111,9 +111,9 @@ def _intervals(first: Study, second: Study) -> pd.DataFrame:
                 "upper_a": a.upper,
                 "lower_b": b.lower,
                 "upper_b": b.upper,
+                "width_ratio": (b.upper - b.lower) / (a.upper - a.lower),
             }
-            ratio = (b.upper - b.lower) / (a.upper - a.lower)
-            rows.append(dict(zip(_LABELS, key, strict=True)) | limits | {"width_ratio": ratio})
+            rows.append(dict(zip(_LABELS, key, strict=True)) | limits)
     return pd.DataFrame(rows)
 
 

@@ -136,17 +136,8 @@ def trials(
     subjects = tuple(dict.fromkeys(table["subject"]))
     refuse_lone_subject(subjects)
     adjusted = table[columns].to_numpy(dtype=float)
-    if lognormal and len(wrong := np.argwhere(adjusted <= 0)):
-        row, column = wrong[0]
-        file, line = sessions.locate(int(table.index[row]))
-        raise RefusalError(
-            f"an adjustment of zero or below has no logarithm ({len(wrong)} in all).",
-            file=file,
-            row=line,
-            column=columns[column],
-            value=float(adjusted[row, column]),
-            hint='Set family = "normal", or exclude the trial in the scene.',
-        )
+    if lognormal:
+        _refuse_no_logarithm(sessions, table[columns])
     measured = set(table["environment"])
     environments = tuple(name for name in sessions.environments if name in measured)
     if table.groupby("environment")["subject"].nunique().max() < 2:
@@ -198,6 +189,23 @@ def _incomplete(
 def _codes(names: pd.Series[str], labels: tuple[str, ...]) -> NDArray[np.intp]:
     """Return the place of each name among the labels."""
     return pd.Categorical(names, categories=labels).codes.astype(np.intp)
+
+
+def _refuse_no_logarithm(sessions: Sessions, adjusted: pd.DataFrame) -> None:
+    """Refuse adjustments of zero or below, some rows and columns of the sessions' table."""
+    values = adjusted.to_numpy(dtype=float)
+    wrong = np.argwhere(values <= 0)
+    if len(wrong):
+        row, column = wrong[0]
+        file, line = sessions.locate(int(adjusted.index[row]))
+        raise RefusalError(
+            f"an adjustment of zero or below has no logarithm ({len(wrong)} in all).",
+            file=file,
+            row=line,
+            column=adjusted.columns[column],
+            value=float(values[row, column]),
+            hint='Set family = "normal", or exclude the trial in the scene.',
+        )
 
 
 def refuse_lone_subject(subjects: Sequence[str]) -> None:

@@ -199,9 +199,8 @@ def design_of(
     if several_cells:
         sd_trend = [] if options.weber else trend
         sd_terms = [level, *sd_trend, *main_effects]
-    subject_terms: list[Term] = []
-    if options.subject_effect and several_cells:
-        subject_terms = [level, *subject_trend, *within_subjects]
+    has_subject_effects = options.subject_effect and several_cells
+    subject_terms = [level, *subject_trend, *within_subjects] if has_subject_effects else []
     fixed_sd = {LEVEL: priors.alpha_sd, TREND: priors.gamma_sd}
     between_sd = {LEVEL: priors.log_s_sd, TREND: priors.kappa_sd}
     trial_sd = {LEVEL: priors.log_s_e_sd, TREND: priors.kappa_e_sd}

@@ -289,10 +289,10 @@ class Coordinates:
         for term in self._design.subject:
             sd = named[_name_of("sigma", term)]
             covariances.append(_covariance(sd, _name_of("rho", term), named, rests))
-        slopes = []
-        for covariate in self.own_slopes:
-            sd = named[f"sigma_v:{covariate}"]
-            slopes.append(_covariance(sd, f"rho_v:{covariate}", named, rests))
+        slopes = [
+            _covariance(named[f"sigma_v:{covariate}"], f"rho_v:{covariate}", named, rests)
+            for covariate in self.own_slopes
+        ]
         effects = effect_columns(covariances, sizes, self._design)
         return CellScales(
             between=_covariance(sigma, "rho_w", named, rests),

@@ -147,10 +147,8 @@ class CellSpreads:
                 subject_columns=np.concatenate([no_columns, *of_subjects]),
             )
         self.weight = rough.weight
-        self._maps = []
-        for p, loadings in enumerate(self._loadings):
-            spread_map = SpreadMap(self.centre, loadings, rough.mean[p], self.weight[p])
-            self._maps.append(spread_map)
+        by_quantity = zip(self._loadings, rough.mean, rough.weight, strict=True)
+        self._maps = [SpreadMap(self.centre, *of_quantity) for of_quantity in by_quantity]
 
     def __call__(
         self,
@@ -172,9 +170,10 @@ class CellSpreads:
         shift : ndarray
             What is added to the means of the rough likelihood, (P, C or 1, W).
         """
-        spreads = []
-        for p, spread_map in enumerate(self._maps):
-            spreads.append(spread_map(columns[p], cells[p], omega[p], shift[p]))
+        spreads = [
+            spread_map(columns[p], cells[p], omega[p], shift[p])
+            for p, spread_map in enumerate(self._maps)
+        ]
         return LogSpreads(
             log_sigma=np.stack([quantity.log_sigma for quantity in spreads]),
             multiples=np.stack([quantity.multiples for quantity in spreads]),

@@ -124,8 +124,7 @@ def chance_of_differences(
     chances = []
     for p in range(len(log_sds)):
         informed = half_df[p] > 0.0
-        chance = _chance_of(log_sds[p, informed], half_df[p, informed])
-        chances.append(chance)
+        chances.append(_chance_of(log_sds[p, informed], half_df[p, informed]))
     return np.array(chances)
 
 
