@@ -309,7 +309,10 @@ def band_pairs(
 
     Both stand at the same frequencies. Bands without width, and infinite ones, are left out.
     """
-    others = {tuple(getattr(one, name) for name in labels): one for one in _envelopes(first)}
+    others = {
+        tuple(getattr(boundary, name) for name in labels): boundary
+        for boundary in _envelopes(first)
+    }
     for band in _envelopes(second):
         other = others.get(tuple(getattr(band, name) for name in labels))
         if other is not None:

@@ -174,7 +174,7 @@ class _Values:
     def _row(
         self,
         comparison: Comparison,
-        found: Interval | TwoSamples,
+        interval: Interval | TwoSamples,
         of: str,
         n: int,
         p_value: float | None,
@@ -182,7 +182,7 @@ class _Values:
         d_z: float | None = None,
     ) -> ContrastRow:
         """Make a row; values that are log SDs differ by the logarithm of a ratio."""
-        ends = np.array([found.lower, found.upper, found.estimate])
+        ends = np.array([interval.lower, interval.upper, interval.estimate])
         if self.is_of_trials:
             of, kind = "precision", None
             ends = np.exp(ends)

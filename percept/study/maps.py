@@ -250,8 +250,8 @@ class _Couplings:
             maybe = np.flatnonzero(least * stable > 0.0)
             if maybe.size:
                 couplings = Coupling(flat[maybe], damping_of_each[maybe])
-                found = environment_judge.couplings.probabilities(couplings, self.draws)
-                least[maybe] = np.minimum(least[maybe], found)
+                probability = environment_judge.couplings.probabilities(couplings, self.draws)
+                least[maybe] = np.minimum(least[maybe], probability)
         return (stable * least).reshape(stiffness.shape)
 
     def surely_none(self) -> bool:
@@ -292,16 +292,16 @@ class _Couplings:
         outside = self._stiffness[lines, outer]
         for _ in range(_HALVINGS):
             middle = np.sqrt(inside * outside)
-            found = self._probabilities(middle[:, None], damping)[:, 0]
-            inside = np.where(found >= wanted, middle, inside)
-            outside = np.where(found >= wanted, outside, middle)
+            probability = self._probabilities(middle[:, None], damping)[:, 0]
+            inside = np.where(probability >= wanted, middle, inside)
+            outside = np.where(probability >= wanted, outside, middle)
         best_line = inside.argmax() if end == "stiffest" else inside.argmin()
         return Coupling(float(inside[best_line]), float(damping[best_line]))
 
     def _confirmed(self, coupling: Coupling) -> ConfirmedCoupling:
         """Say how probably a coupling feels real where it is least probable, and what bounds it."""
-        found = [judge.confirm(coupling) for judge in self._judges]
-        least = min(found, key=lambda evidence: evidence.probability)
+        by_judge = [judge.confirm(coupling) for judge in self._judges]
+        least = min(by_judge, key=lambda evidence: evidence.probability)
         stiffness = np.atleast_1d(coupling.stiffness)
         damping = np.atleast_1d(coupling.damping)
         stable = float(self._stable.probability(stiffness, damping)[0])

@@ -85,13 +85,13 @@ class Subjects:
 def subjects_of(data: Data, pairs: Sequence[SubjectPairs]) -> dict[str, Subjects]:
     """Return what the classical method knows, by environment: in the scene's family if it can."""
     values = {(pair.family, pair.environment): np.column_stack([pair.k, pair.b]) for pair in pairs}
-    found: dict[str, Subjects] = {}
+    by_environment: dict[str, Subjects] = {}
     families: tuple[Family, ...] = (data.asked.family, "lognormal", "normal")
     for family in families:
         moments = data.moments(family)
         for environment in data.environments:
             stiffness, damping = (moments.get((name, environment)) for name in _PARAMETERS)
-            if stiffness is None or damping is None or environment in found:
+            if stiffness is None or damping is None or environment in by_environment:
                 continue
             users = None
             of_both = values.get((family, environment))
@@ -99,8 +99,8 @@ def subjects_of(data: Data, pairs: Sequence[SubjectPairs]) -> dict[str, Subjects
                 log = family == "lognormal"
                 rng = generator(data.asked.seed, Stream.FIDUCIAL)
                 users = fiducial_users(np.log(of_both) if log else of_both, log=log, rng=rng)
-            found[environment] = Subjects(family, stiffness, damping, users)
-    return found
+            by_environment[environment] = Subjects(family, stiffness, damping, users)
+    return by_environment
 
 
 def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
@@ -364,35 +364,35 @@ def more_subjects(scores: Array, subjects: int, *, central: float, decision: flo
     return MoreSubjects(subjects=wanted, assurance=ASSURANCE, most=_MOST_MORE)
 
 
-def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvidence:
+def _reported(evidence: Evidence, decision: float, subjects: int) -> PosteriorEvidence:
     """Make a record of the Bayesian evidence."""
-    by_central = zip(CENTRALS, found.by_central, strict=True)
+    by_central = zip(CENTRALS, evidence.by_central, strict=True)
     return PosteriorEvidence(
-        outcome=found.outcome(decision, subjects),
-        probability=found.probability,
-        error=found.error,
-        draws=found.draws,
-        straddles=not found.clear_of(decision),
-        magnitude=found.magnitude,
-        plane=found.plane,
+        outcome=evidence.outcome(decision, subjects),
+        probability=evidence.probability,
+        error=evidence.error,
+        draws=evidence.draws,
+        straddles=not evidence.clear_of(decision),
+        magnitude=evidence.magnitude,
+        plane=evidence.plane,
         by_central=tuple(CentralProbability(*pair) for pair in by_central),
-        lowest=found.lowest,
-        lowest_omega=found.lowest_omega,
+        lowest=evidence.lowest,
+        lowest_omega=evidence.lowest_omega,
     )
 
 
-def _confidences(found: Confidence, family: Family, decision: float) -> Confidences:
+def _confidences(by_part: Confidence, family: Family, decision: float) -> Confidences:
     """Make a record of the classical evidence."""
     return Confidences(
-        outcome=found.verdict(decision),
+        outcome=by_part.verdict(decision),
         family=family,
-        least=min(found.parts),
-        stiffness=found.stiffness,
-        damping=found.damping,
-        magnitude=found.magnitude,
-        magnitude_omega=found.magnitude_omega,
-        together=found.together,
-        together_error=found.together_error,
+        least=min(by_part.parts),
+        stiffness=by_part.stiffness,
+        damping=by_part.damping,
+        magnitude=by_part.magnitude,
+        magnitude_omega=by_part.magnitude_omega,
+        together=by_part.together,
+        together_error=by_part.together_error,
     )
 
 
@@ -436,14 +436,14 @@ def verdict_table(verdicts: Sequence[Verdict], rendering: Sequence[Rendered]) ->
     rows = []
     for verdict in verdicts:
         more = None if verdict.more is None else verdict.more.subjects
-        found: list[tuple[str, str, float]] = []
+        by_method: list[tuple[str, str, float]] = []
         if verdict.classical is not None:
-            found.append(("classical", verdict.classical.outcome, verdict.classical.least))
+            by_method.append(("classical", verdict.classical.outcome, verdict.classical.least))
         if verdict.bayesian is not None:
-            found.append(("bayesian", verdict.bayesian.outcome, verdict.bayesian.probability))
+            by_method.append(("bayesian", verdict.bayesian.outcome, verdict.bayesian.probability))
         display = (verdict.environment, verdict.coupled)
         can = rendered[display]
-        for method, outcome, probability in found:
+        for method, outcome, probability in by_method:
             outcome = "cannot be rendered" if can == "cannot" else outcome
             rows.append((*display, method, can, outcome, probability, more))
     table = pd.DataFrame(rows, columns=_VERDICT_COLUMNS)

@@ -169,9 +169,9 @@ class Latents:
         """Columns (n, L, W) whose products are the covariance of combinations (a J + r, L, W)."""
         if not self._own_first:
             return self._solved.columns_of_others(weights)
-        own, environments, _ = self._solved.blocks.shape
-        of_own, of_rest = np.split(weights, [own * environments])
-        by_environment = of_own.reshape(own, environments, *of_own.shape[1:])
+        own_count, environments, _ = self._solved.blocks.shape
+        of_own, of_rest = np.split(weights, [own_count * environments])
+        by_environment = of_own.reshape(own_count, environments, *of_own.shape[1:])
         no_effects = np.zeros((len(self.effects), *of_rest.shape[1:]))
         return self._solved.columns(by_environment, np.concatenate([no_effects, of_rest]))
 

@@ -142,8 +142,8 @@ class OneRow:
     def draws_per_pass(self, effects: int) -> int:
         """Draws worked on at once, for so many columns of subjects' effects."""
         most_cells, environments = self._cells_of_environment.shape
-        own, quantities, _ = self._own.shape
-        rows = (quantities * most_cells + own) * environments
+        own_count, quantities, _ = self._own.shape
+        rows = (quantities * most_cells + own_count) * environments
         numbers = max((effects + len(self._fixed_and_mean)) * rows, self._contrasts.size)
         return min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)
 

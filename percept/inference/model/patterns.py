@@ -181,9 +181,9 @@ class _Solution:
             flat = weighted.reshape(-1, self._width)
             by_column = rows.effects_by_columns[number] @ flat
             by_columns[a] = by_column.reshape(by_columns.shape[1:])
-            for b, (other, other_column) in enumerate(self._effects[: a + 1]):
+            for b, (other_number, other_column) in enumerate(self._effects[: a + 1]):
                 by_kind = np.einsum("pnw,pnw->nw", weighted, other_column)
-                products[a, b] = rows.effects_by_effects[number, other] @ by_kind
+                products[a, b] = rows.effects_by_effects[number, other_number] @ by_kind
                 products[b, a] = products[a, b]
         by_columns[:, : rows.deviations] *= self._deviation_sd[:, None]
         return products, by_columns
@@ -293,21 +293,21 @@ class _Exact:
             np.multiply(column[:, rows.kind], multiplier[:, None], out=whole[a])
         columns = rows.columns.toarray().T.reshape(latents, *rows.data.shape)
         whole[effect_count:-1] = columns[..., None]
-        own = slice(effect_count, effect_count + rows.deviations)
-        whole[own] *= deviation_sd[:, None, None]
+        deviations = slice(effect_count, effect_count + rows.deviations)
+        whole[deviations] *= deviation_sd[:, None, None]
         whole[-1] = rows.data[..., None]
         by_quantity = tuple(whole.swapaxes(0, 1))
         whitened = np.stack(noise[rows.kind].whiten(by_quantity))
         by_draw = whitened.transpose(3, 2, 0, 1)  # (W, U, P, q + K + 1)
         log_determinant = np.zeros(width)
-        left = [_unit_rows(latents, latents + 1, width)]
+        remaining = [_unit_rows(latents, latents + 1, width)]
         for g in range(rows.patterns):
             of_pattern = by_draw[:, rows.pattern == g]
             flat = of_pattern.reshape(width, -1, len(whole))
             triangle = _triangle([flat, _unit_rows(effect_count, len(whole), width)])
             log_determinant += _log_pivots(triangle[:, :effect_count, :effect_count])
-            left.append(triangle[:, effect_count:, effect_count:])
-        triangle = _triangle(left)
+            remaining.append(triangle[:, effect_count:, effect_count:])
+        triangle = _triangle(remaining)
         log_determinant += _log_pivots(triangle[:, :latents, :latents])
         distance = np.zeros(width)
         if triangle.shape[1] > latents:

@@ -183,8 +183,8 @@ def _within_subjects(statistics: Statistics, subject_columns: Array) -> tuple[Ar
     df *= 1.0 - 1.0 / subjects
     # A subject with as many columns as cells has no scatter left, but for rounding.
     df[df < _LEAST_DF] = 0.0
-    nothing = np.zeros_like(df)
-    variance = np.divide(squares, df, out=nothing, where=df > 0)
+    zeros = np.zeros_like(df)
+    variance = np.divide(squares, df, out=zeros, where=df > 0)
     return np.sqrt(variance), df
 
 

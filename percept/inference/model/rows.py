@@ -98,10 +98,10 @@ class Rows:
 
     def latent_sd(self, tau: Array) -> Array:
         """SDs of own deviations, and ones for the rest, whose columns hold them: (a J + r, W)."""
-        own = np.repeat(tau, self.environments, axis=0)
+        own_sd = np.repeat(tau, self.environments, axis=0)
         _, latents = self.basis.shape
-        rest = np.ones((latents - self.deviations, tau.shape[-1]))
-        return np.concatenate([own, rest])
+        rest_sd = np.ones((latents - self.deviations, tau.shape[-1]))
+        return np.concatenate([own_sd, rest_sd])
 
     def noise(self, scales: CellScales) -> Block:
         """D of every kind, entries (kinds, W)."""
@@ -196,8 +196,8 @@ class Rows:
 
     def _set_basis(self, slopes: int, covariate_sd: float) -> None:
         """Store the locations that latents make."""
-        own = self._apart(self.own, self.environment)
-        of_cells = np.concatenate([own, self.fixed])
+        own_apart = self._apart(self.own, self.environment)
+        of_cells = np.concatenate([own_apart, self.fixed])
         of_cells = of_cells.reshape(len(of_cells), -1).T
         cells, latents = of_cells.shape
         self.basis = np.zeros((self.locations, latents + slopes))
@@ -214,8 +214,8 @@ class Rows:
         #: Columns of the rest, (r, P, U), and of own deviations in any environment, (a, P, U).
         self._rest_of_units = np.concatenate([of_fixed, of_slopes.reshape(-1, *self.data.shape)])
         self._own_of_units = self.own[:, :, self.cell] * self._root_subjects
-        own = self._apart(self._own_of_units, self.environment[self.cell])
-        columns = np.concatenate([own, self._rest_of_units])
+        own_apart = self._apart(self._own_of_units, self.environment[self.cell])
+        columns = np.concatenate([own_apart, self._rest_of_units])
         self.columns = sparse.csr_array(columns.reshape(len(columns), -1).T)
 
     def _apart(self, columns: Array, environment: Indices) -> Array:
