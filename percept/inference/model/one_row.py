@@ -140,7 +140,7 @@ class OneRow:
         return Latents(solved, own_first=True, rest=len(self._fixed_and_mean) - 1)
 
     def draws_per_pass(self, effects: int) -> int:
-        """Draws worked on at once, for so many columns of subjects' effects."""
+        """Draws worked on at once, for so many columns of a subject's effects."""
         most_cells, environments = self._cells_of_environment.shape
         own_count, quantities, _ = self._own.shape
         rows = (quantities * most_cells + own_count) * environments
@@ -154,7 +154,7 @@ class OneRow:
         return scales.between + scales.trial.scaled(1.0 / self._trials)
 
     def _minus_twice_of_contrasts(self, noise: Block, scales: CellScales) -> Array:
-        """Log determinants and squares of the contrasts of subjects, summed: (W,)."""
+        """Log determinants and squares of the contrasts of subjects, summed over these: (W,)."""
         contrast_count = self._subjects[:, 0] - 1.0
         if not len(scales.effects):
             by_quantity = self._contrasts.swapaxes(0, 1)[..., None]
@@ -202,15 +202,15 @@ class OneRow:
 class _Regressed:
     """Columns (K + 1, P L, J, W) of unit noise, regressed on own columns (a, P L, J, W).
 
-    With U the own columns, LL' = I + U'U, T = L⁻¹U'A and B = L'⁻¹T.
+    With A the columns and U the own ones, FF' = I + U'U, S = F⁻¹U'A and B = F'⁻¹S.
     """
 
     def __init__(self, own: Array, columns: Array) -> None:
-        #: L, (a, a, J, W)
+        #: F, (a, a, J, W)
         self.factor = lower_factor(with_prior(np.einsum("amjw,bmjw->abjw", own, own)))
         for_columns = self.factor[:, :, None]
         products = np.einsum("amjw,kmjw->akjw", own, columns)
-        #: T, (a, K + 1, J, W)
+        #: S, (a, K + 1, J, W)
         self.explained = solve_lower(for_columns, products)
         coefficients = solve_upper(for_columns, self.explained)
         unexplained = columns - np.einsum("amjw,akjw->kmjw", own, coefficients)
