@@ -196,6 +196,7 @@ def _sentence(
 
 
 def _error_sentence(law: str, errors: dict[str, float]) -> str:
+    """Say how far a law is off from a band left out, and how the others compare."""
     smallest = min(errors.values())
     if not smallest < _OF_NO_USE:
         return "With one reference left out, no law predicts the band to within a factor of ten."

@@ -223,6 +223,7 @@ def _root(
     last_off = np.full(last.shape, -wanted)
 
     def off(which: Indices, x: Array) -> tuple[Array, Array]:
+        """Return how far scores are off, or zero, and their slope from the last points."""
         value = scores(which, x) - wanted
         value[np.abs(value) < _SCORE_ACCURACY] = 0.0
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -282,6 +282,7 @@ def _evidence(
 
 
 def _share(flags: Flags) -> float:
+    """Return the share of flags that are set."""
     return float(flags.mean())
 
 

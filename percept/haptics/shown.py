@@ -74,6 +74,7 @@ def shown_limits(display: Display, lower: float, upper: float) -> ShownLimits:
 
 
 def _ends(values: Scalars) -> FloatArray:
+    """Return the least and the largest of some values, (2,)."""
     return np.array([np.min(values), np.max(values)])
 
 
@@ -207,6 +208,7 @@ def departure(display: Display, box: Boxes, lower: float, upper: float) -> Depar
     """
 
     def depth_inside(omega: FloatArray, _: IntArray) -> FloatArray:
+        """Return the departure at each ω with its sign changed, limited to what is told apart."""
         plane, magnitude = displayed(display, omega.ravel())
         extremes = box.extremes(plane)
         with np.errstate(divide="ignore", invalid="ignore"):

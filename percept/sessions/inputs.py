@@ -290,6 +290,7 @@ def is_workbook(data: bytes, name: str) -> bool:
 
 
 def _archive(data: bytes, name: str) -> zipfile.ZipFile:
+    """Open a zip archive, or say that it is broken."""
     try:
         return zipfile.ZipFile(io.BytesIO(data))
     except _BROKEN as error:
@@ -297,6 +298,7 @@ def _archive(data: bytes, name: str) -> zipfile.ZipFile:
 
 
 def _members(archive: zipfile.ZipFile, name: str, limits: FileLimits) -> Iterator[Input]:
+    """Unpack the tables of an archive, one by one."""
     tables = [
         member
         for member in sorted(archive.namelist())

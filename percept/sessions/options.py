@@ -68,7 +68,7 @@ def usage_error(error: ValidationError) -> UsageError:
     return UsageError(f"{message}.", key=path or None, value=value)
 
 
-def _listed(value: Any) -> Any:
+def _as_texts(value: Any) -> Any:
     """Take a single text for a list of one, and whole numbers for their digits."""
     items = [value] if isinstance(value, str | int) else value
     if not isinstance(items, list | tuple):
@@ -76,7 +76,7 @@ def _listed(value: Any) -> Any:
     return tuple(str(item) if type(item) is int else item for item in items)
 
 
-def _pattern(value: str) -> str:
+def _checked_pattern(value: str) -> str:
     """Hold a pattern of file names to the ids that it may name."""
     names = re.findall(r"\{(\w+)\}", value)
     if not names or not set(names) <= set(IDS) or len(set(names)) < len(names):
@@ -85,7 +85,7 @@ def _pattern(value: str) -> str:
 
 
 Text = Annotated[str, Field(min_length=1)]
-Texts = Annotated[tuple[str, ...], BeforeValidator(_listed)]
+Texts = Annotated[tuple[str, ...], BeforeValidator(_as_texts)]
 
 
 def in_range(value: float) -> float:
@@ -136,6 +136,7 @@ class ColumnRule(Table):
 
     @model_validator(mode="after")
     def _units_of_the_quantity(self) -> Self:
+        """Hold units, scale and name to what the numbers are."""
         if self.response in ("ratio", "log") and self.unit is not None:
             raise ValueError(f'numbers of response = "{self.response}" have no unit')
         if self.scale == 0:
@@ -168,6 +169,7 @@ class ExcludeRule(Table):
 
     @model_validator(mode="after")
     def _texts_or_limits(self) -> Self:
+        """Hold a rule to texts or to limits, and give it a reason in words."""
         limits = {"below": self.below, "above": self.above}
         words = [f"{name} {limit:g}" for name, limit in limits.items() if limit is not None]
         if bool(self.equals) == bool(words):
@@ -177,7 +179,7 @@ class ExcludeRule(Table):
         return self
 
 
-def _rule(value: Any) -> Any:
+def _as_rule(value: Any) -> Any:
     """Take a name, or the names of several columns, for the table of a column rule."""
     if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
         return {"name": value[0], "also": value[1:]}
@@ -191,7 +193,7 @@ def canonical_columns(quantities: Iterable[str]) -> tuple[str, ...]:
     return (*IDS, "trial", *numbers_of(quantities))
 
 
-def _named(value: Any) -> Any:
+def _with_names(value: Any) -> Any:
     """Give each quantity of a scene the name of its table; without any, k and b are adjusted."""
     if not isinstance(value, Mapping):
         return value
@@ -229,6 +231,7 @@ class FileLimits(Table):
         self._hold("size", size, file)
 
     def _hold(self, name: str, number: int, file: str) -> None:
+        """Refuse a number above the limit of that name."""
         limit = getattr(self, name)
         if number > limit:
             what = "bytes" if name == "size" else name
@@ -246,7 +249,7 @@ class SessionsTable(Table):
     trial: Literal["order"] | None = None
     subject: Literal["row"] | None = None
     layout: Literal["subjects in columns"] | None = None
-    filename: Annotated[str, AfterValidator(_pattern)] | None = None
+    filename: Annotated[str, AfterValidator(_checked_pattern)] | None = None
     groups: Texts = ()
     only: dict[str, Texts] = Field(default_factory=dict)
     exclude: tuple[ExcludeRule, ...] = ()
@@ -260,6 +263,7 @@ class SessionsTable(Table):
 
     @model_validator(mode="after")
     def _trials_or_events(self) -> Self:
+        """Refuse rows as trials and as events of trials at once."""
         if self.keep is not None and self.trial is not None:
             raise ValueError(
                 'keep = "last" needs a column of trials; trial = "order" makes each row a trial'
@@ -270,10 +274,12 @@ class SessionsTable(Table):
 class DataTables(Table):
     """The tables that say what is adjusted, and where it stands in the files."""
 
-    quantities: Annotated[dict[str, Quantity], BeforeValidator(_named)] = Field(
+    quantities: Annotated[dict[str, Quantity], BeforeValidator(_with_names)] = Field(
         default_factory=lambda: dict(IMPEDANCE)
     )
-    columns: dict[str, Annotated[ColumnRule, BeforeValidator(_rule)]] = Field(default_factory=dict)
+    columns: dict[str, Annotated[ColumnRule, BeforeValidator(_as_rule)]] = Field(
+        default_factory=dict
+    )
     environments: dict[str, dict[str, Number]] = Field(default_factory=dict)
     sessions: SessionsTable = SessionsTable()
     files: FileLimits = FileLimits()

@@ -198,6 +198,7 @@ class Sessions:
         return self.sources[int(file)].name, int(row)
 
     def _repr_html_(self) -> str:
+        """Show the first rows, the counts and the notices in a notebook."""
         lines = [f"{number} {reason}" for reason, number in self.counts.items()]
         lines += [str(notice) for notice in self.notices]
         items = "".join(f"<li>{escape(line)}</li>" for line in lines)

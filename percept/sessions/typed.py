@@ -196,6 +196,7 @@ def _plain(item: Any) -> Any:
 
 
 def _parquet(entry: Input, limits: FileLimits) -> _Table:
+    """Read a Parquet file, whose footer states its size."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -221,6 +222,7 @@ def sheets(entry: Input) -> list[Input]:
 
 
 def _workbook(entry: Input, *, values: bool = True) -> Any:
+    """Open a workbook, for what its formulas gave or for the formulas themselves."""
     import openpyxl
 
     return openpyxl.load_workbook(io.BytesIO(entry.data), read_only=True, data_only=values)

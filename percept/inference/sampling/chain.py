@@ -118,6 +118,7 @@ class Chain:
 
     @property
     def _full(self) -> bool:
+        """Whether the part at work has no room left."""
         return self._length >= self._most_positions
 
     @property
@@ -127,10 +128,12 @@ class Chain:
 
     @property
     def _closed_steps(self) -> int:
+        """Steps the closed parts span."""
         return self._closed.steps if self._closed else 0
 
     @property
     def _steps_left(self) -> int:
+        """Steps until the run ends, whatever its error."""
         return self._task.settings.most_steps - self._walkers.steps
 
     @property
@@ -199,6 +202,7 @@ class Chain:
         return run
 
     def _travel(self, points: Array) -> Travel:
+        """Say how the walkers went, by the kept positions (E, T, W, d) of the part at work."""
         half = points.shape[1] // 2
         second_half = points[:, half:, :, 0]
         return Travel(

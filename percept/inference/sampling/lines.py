@@ -75,19 +75,19 @@ def line_limits(
     direction, along = _steepest(points, function(points))
     most = min(_MOST_LINES, len(points))
     tails = np.array([0.5 * (1.0 - level), 0.5 * (1.0 + level)])
-    first = 0
-    count = min(_FIRST_LINES, most)
+    start = 0
+    stop = min(_FIRST_LINES, most)
     parts = []
     while True:
-        cut = slice(first, count)
-        parts.append(_laws(target, function, direction, points[cut], along[cut]))
+        some = slice(start, stop)
+        parts.append(_laws(target, function, direction, points[some], along[some]))
         values = np.concatenate([part[0] for part in parts])
         weights = np.concatenate([part[1] for part in parts])
-        limits = _limits(values, weights, batch[:count], tails)
-        if limits.error <= run.settings.tolerance or count == most:
+        limits = _limits(values, weights, batch[:stop], tails)
+        if limits.error <= run.settings.tolerance or stop == most:
             return limits
-        first = count
-        count = min(2 * count, most)
+        start = stop
+        stop = min(2 * stop, most)
 
 
 def _steepest(points: Array, values: Array) -> tuple[Array, Array]:

@@ -138,6 +138,7 @@ class IndependentMove(ReferenceMove):
     """
 
     def _draw(self, coords: Array) -> Array:
+        """Draw for several steps, wherever the walkers are."""
         return self._law.draw(_AHEAD * len(coords), self._rng)
 
 
@@ -148,6 +149,7 @@ class PCNMove(ReferenceMove):
     """
 
     def _draw(self, coords: Array) -> Array:
+        """Rotate every walker, for one step."""
         return self._law.rotate(coords, self._rng)
 
 
