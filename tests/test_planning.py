@@ -1,13 +1,10 @@
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import integrate, special, stats
 
 from percept.errors import RefusalError, UsageError
 from percept.inference import (
-    prediction_interval,
-    t_interval,
     tolerance_factor,
-    tolerance_interval,
 )
 from percept.planning import (
     plan_contrast,
@@ -17,51 +14,43 @@ from percept.planning import (
     plan_share,
     plan_user,
 )
-from tests import LONG
+
+SIZES = range(2, 400)
 
 
-def brute_force(reached, assurance):
-    """Return the smallest n that will do, asking every one; and whether it stays so."""
-    chances = [reached(n) for n in range(2, 400)]
-    first = next(i for i, chance in enumerate(chances) if chance >= assurance)
-    return first + 2, all(chance >= assurance for chance in chances[first:])
+def fewest(reached, wanted):
+    """Return the smallest n that will do, asking every one."""
+    return next(n for n in SIZES if reached(n) >= wanted)
 
 
-def test_user_and_share_against_every_n():
+def test_widths_against_every_n():
     z = stats.norm.isf(0.025)
-
-    def user(n):
-        return stats.chi2.cdf(
-            (n - 1) * (1.3 * z / stats.t.isf(0.025, n - 1)) ** 2 / (1 + 1 / n), n - 1
-        )
-
-    factors = dict(zip(range(2, 400), tolerance_factor(np.arange(2, 400), 0.95, 0.9), strict=True))
-
-    def share(n):
-        return stats.chi2.cdf((n - 1) * (1.3 * z / factors[n]) ** 2, n - 1)
-
-    for reached, plan in (
-        (user, plan_user(1.3, level=0.95, assurance=0.9)),
-        (share, plan_share(1.3, share=0.95, confidence=0.9, assurance=0.9)),
+    factors = dict(zip(SIZES, tolerance_factor(np.array(SIZES), 0.95, 0.9), strict=True))
+    for plan, factor, sigma in (
+        (
+            plan_mean(0.5, sd=1.2, level=0.95, assurance=0.9),
+            lambda n: stats.t.isf(0.025, n - 1) / np.sqrt(n),
+            1.2,
+        ),
+        (
+            plan_user(1.3, level=0.95, assurance=0.9),
+            lambda n: stats.t.isf(0.025, n - 1) * np.sqrt(1 + 1 / n),
+            1 / z,
+        ),
+        (
+            plan_share(1.3, share=0.95, confidence=0.9, assurance=0.9),
+            factors.get,
+            1 / z,
+        ),
     ):
-        assert brute_force(reached, 0.9) == (plan.n, True)
+        # The SD over sigma, times the root of its degrees of freedom, has a chi law.
+        def reached(n, plan=plan, factor=factor, sigma=sigma):
+            return stats.chi.cdf(np.sqrt(n - 1) * plan.wanted / (factor(n) * sigma), n - 1)
+
+        assert plan.n == fewest(reached, 0.9)
         assert plan.assurance == pytest.approx(reached(plan.n), rel=1e-10)
-
-
-@pytest.mark.evidence(reduced=True)
-def test_simulated_studies_reach_the_width_as_often_as_assured():
-    random = np.random.default_rng(12)
-    studies = 20_000 if LONG else 2_000
-    for plan, make, z, options in (
-        (plan_mean(0.5, sd=1.0, level=0.95), t_interval, 1.0, {"level": 0.95}),
-        (plan_user(1.4, level=0.95), prediction_interval, stats.norm.isf(0.025), {"level": 0.95}),
-        (plan_share(1.5, share=0.9), tolerance_interval, stats.norm.isf(0.05), {"share": 0.9}),
-    ):
-        interval = make(random.normal(size=(studies, plan.n)), **options)
-        widths = (interval.upper - interval.lower) / 2 / z
-        error = np.sqrt(plan.assurance * (1 - plan.assurance) / studies)
-        assert abs(np.mean(widths <= plan.wanted) - plan.assurance) <= 4 * error
-        assert abs(widths.mean() - plan.expected) <= 4 * widths.std() / np.sqrt(studies)
+        mean_sd = stats.chi.mean(plan.n - 1) / np.sqrt(plan.n - 1) * sigma
+        assert plan.expected == pytest.approx(factor(plan.n) * mean_sd, rel=1e-10)
 
 
 def test_lognormal_is_a_factor_on_the_log():
@@ -72,44 +61,25 @@ def test_lognormal_is_a_factor_on_the_log():
     assert np.log1p(plan.expected) == pytest.approx(log.expected, rel=1e-14)
 
 
-#: Of 5 % tests with both sides: G*Power 3.1, "Means: difference between two dependent means" and
-#: "between two independent means"; the first column of n is of pairs, the second of each group.
-PUBLISHED = [
-    (0.2, 0.8, 199, 394),
-    (0.5, 0.8, 34, 64),
-    (0.8, 0.8, 15, 26),
-    (0.5, 0.9, 44, 86),
-    (0.8, 0.9, 19, 34),
-]
-
-
-@pytest.mark.parametrize(("size", "power", "pairs", "each"), PUBLISHED)
-def test_contrasts_need_the_published_numbers(size, power, pairs, each):
-    options = {"level": 0.95, "power": power}
-    assert plan_contrast(size, sd=1.0, **options).n == pairs
-    assert plan_contrast(3.0 * size, sd=3.0, other_sd=3.0, **options).n == each
-
-
-@pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("other_sd", [None, 1.0, 2.0])
-def test_simulated_contrasts_show_the_difference_as_often_as_planned(other_sd):
-    random = np.random.default_rng(7)
-    studies = 40_000 if LONG else 4_000
+def test_contrasts_have_the_power_of_the_noncentral_t(other_sd):
     plan = plan_contrast(0.9, sd=1.0, other_sd=other_sd, level=0.95)
-    first = random.normal(size=(studies, plan.n))
-    if other_sd is None:
-        interval = stats.ttest_1samp(first + 0.9, 0.0, axis=1).confidence_interval(0.95)
-    else:
-        second = 0.9 + other_sd * random.normal(size=(studies, plan.n))
-        test = stats.ttest_ind(second, first, axis=1, equal_var=False)
-        interval = test.confidence_interval(0.95)
-    shows = np.mean((interval.low > 0.0) | (interval.high < 0.0))
-    error = np.sqrt(plan.power * (1.0 - plan.power) / studies)
-    # Satterthwaite's degrees of freedom are estimated by each study, which costs .005 at most here.
-    assert abs(shows - plan.power) <= 4.0 * error + (0.005 if other_sd else 0.0)
-    half = (interval.high - interval.low) / 2.0
-    allowed = 4.0 * half.std() / np.sqrt(studies) + (0.005 if other_sd else 0.0)
-    assert abs(half.mean() - plan.expected) <= allowed
+    variances = np.array([1.0] if other_sd is None else [1.0, other_sd**2])
+    total = variances.sum()
+
+    def law(n):
+        df = total**2 / np.sum(variances**2 / (n - 1))
+        return df, stats.t.isf(0.025, df), np.sqrt(total / n)
+
+    def shown(n):
+        df, limit, error = law(n)
+        return stats.nct.sf(limit, df, 0.9 / error) + stats.nct.cdf(-limit, df, 0.9 / error)
+
+    assert plan.n == fewest(shown, 0.8)
+    assert plan.power == pytest.approx(shown(plan.n), rel=1e-9)
+    df, limit, error = law(plan.n)
+    mean_sd = np.exp(special.gammaln((df + 1) / 2) - special.gammaln(df / 2)) * np.sqrt(2 / df)
+    assert plan.expected == pytest.approx(limit * error * mean_sd, rel=1e-10)
 
 
 def test_a_lognormal_contrast_is_one_of_logarithms():
@@ -194,6 +164,10 @@ def test_sentence(plan, said):
         (lambda: plan_contrast(1.0, sd=1.0, other_sd=-1.0), UsageError, "other_sd must be"),
         (lambda: plan_contrast(1.0, sd=1.0, power=80.0), UsageError, "power must lie strictly"),
         (lambda: plan_contrast(1e-4, sd=1.0), RefusalError, "More than 10000000 subjects"),
+        (lambda: plan_equivalent(0.2, sd=0.1, bias=0.3), UsageError, "smaller than one JND"),
+        (lambda: plan_equivalent(0.2, sd=0.0), UsageError, "sd must be a positive number"),
+        (lambda: plan_equivalent(0.2, sd=0.1, decision=0.4), UsageError, "between 0.5 and 1"),
+        (lambda: plan_equivalent(0.2, sd=0.1, power=1.0), UsageError, "power must lie strictly"),
         (lambda: plan_user(1.0), UsageError, "ratio must be above 1"),
         (lambda: plan_share(0.9), UsageError, "ratio must be above 1"),
     ],
@@ -210,30 +184,17 @@ def test_subjects_of_an_equivalence_are_the_fewest_that_do(family, bias):
     sigma = np.sqrt(np.log1p(0.25**2)) if log else 0.25
     limits = np.log([0.8, 1.2]) if log else np.array([-0.2, 0.2])
     centre = np.log1p(bias) if log else bias
-    rng = np.random.default_rng(7)
-    studies = 40_000
-    shares = []
-    for n in (plan.n - 1, plan.n):
-        mean = centre + sigma / np.sqrt(n) * rng.standard_normal(studies)
-        error = sigma * np.sqrt(rng.chisquare(n - 1, studies) / (n - 1) / n)
-        reach = stats.t.isf(0.1, n - 1) * error
-        shares.append(np.mean((mean - reach > limits[0]) & (mean + reach < limits[1])))
-    noise = 4.0 * np.sqrt(0.7 * 0.3 / studies)
-    assert abs(shares[1] - plan.power) < noise
-    assert shares[0] < 0.7 + noise
-    assert plan.power >= 0.7
+
+    def shown(n):
+        t = stats.t.isf(0.1, n - 1)
+        low, high = (limits - centre) * np.sqrt(n) / sigma
+
+        def integrand(w):
+            density = stats.chi.pdf(w * np.sqrt(n - 1), n - 1) * np.sqrt(n - 1)
+            return density * (stats.norm.cdf(high - t * w) - stats.norm.cdf(low + t * w))
+
+        return integrate.quad(integrand, 0.0, (high - low) / (2 * t), limit=200)[0]
+
+    assert shown(plan.n - 1) < 0.7 <= plan.power
+    assert plan.power == pytest.approx(shown(plan.n), rel=1e-7)
     assert f"With {plan.n} subjects, a true bias of" in plan.covers
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"bias": 0.3}, "bias must be smaller than one JND"),
-        ({"sd": 0.0}, "sd must be a positive number"),
-        ({"decision": 0.4}, "decision must lie strictly between 0.5 and 1"),
-        ({"power": 1.0}, "power must lie strictly between 0 and 1"),
-    ],
-)
-def test_an_equivalence_that_no_study_shows(options, message):
-    with pytest.raises(UsageError, match=message):
-        plan_equivalent(0.2, **{"sd": 0.1} | options)

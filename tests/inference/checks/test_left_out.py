@@ -39,22 +39,6 @@ def test_pointwise_densities_are_ratios_of_evidences():
     np.testing.assert_allclose(found.weights.sum(axis=0), 1.0)
 
 
-def test_draws_that_a_subject_makes_likely_weigh_less_without_it():
-    """exp(-a x) turns N(0, 1) into N(-a, 1); 1/3 is the tail index of exp(x) of exponential x/3."""
-    even = (np.arange(4000) + 0.5) / 4000
-    normal = stats.norm.ppf(even)
-    # Ratios 1/p = u^(-1/3) of even u.
-    heavy = np.log(even) / 3.0
-    log_density = np.stack([0.5 * normal, -0.5 * normal, heavy], axis=1)
-    found = smoothed_subjects(log_density, normal[:, None])
-    np.testing.assert_allclose(found.weights.sum(axis=0), 1.0)
-    mean = found.weights[:, :2].T @ normal
-    np.testing.assert_allclose(mean, [-0.5, 0.5], atol=0.01)
-    # 1/E[1/p]: exp(-a^2/2), and 2/3.
-    np.testing.assert_allclose(found.pointwise, [-0.125, -0.125, np.log(2 / 3)], atol=0.01)
-    assert found.pareto_k[2] == pytest.approx(1 / 3, abs=0.05)
-
-
 @pytest.mark.parametrize(("draws", "good"), [(100, 0.5), (4000, 0.7)])
 def test_few_draws_trust_smaller_tail_indices(draws, good):
     normal = stats.norm.ppf((np.arange(draws) + 0.5) / draws)[:, None]

@@ -65,19 +65,6 @@ def test_limits_of_spread_are_ratios_that_the_test_just_rejects(slope):
     )
 
 
-def test_the_interval_of_spread_covers():
-    """Correlated normal pairs with an SD ratio of 2: 90 % of intervals hold it, to 4 standard
-    errors."""
-    rng, n, studies = np.random.default_rng(7), 5, 1500
-    law = np.linalg.cholesky([[1.0, 1.2], [1.2, 4.0]])
-    inside = sum(
-        found.lower < 2.0 < found.upper
-        for _ in range(studies)
-        for found in [spread_ratio(*(law @ rng.standard_normal((2, n))), level=0.9)]
-    )
-    assert abs(inside / studies - 0.9) < 4.0 * np.sqrt(0.09 / studies)
-
-
 @pytest.mark.parametrize(
     ("first", "second", "message"),
     [

@@ -12,11 +12,6 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.classical.contrasts import tost
 from percept.inference.classical.fiducial import tost_power
 from percept.inference.classical.moments import Moments
-from reports.equivalence.rates import SIZE, rates
-
-#: PowerTOST 1.5 (Labes, Schütz and Lang), `sampleN.TOST(CV, theta0 = 0.95)`: the power of a 2 × 2
-#: crossover whose limits are 0.8 and 1.25, by Owen's Q.
-POWER_TOST = [(0.20, 20, 0.834680), (0.25, 28, 0.807439), (0.30, 40, 0.815845)]
 
 
 @pytest.mark.parametrize("shift", [-3.0, -0.4, 0.0, 0.9, 5.0])
@@ -61,14 +56,6 @@ def test_samples_without_scatter_are_refused():
         tost(moments, 1.0, 3.0)
 
 
-@pytest.mark.parametrize(("cv", "n", "published"), POWER_TOST)
-def test_power_is_that_of_powertost(cv, n, published):
-    error = math.sqrt(math.log1p(cv**2)) * math.sqrt(2.0 / n)
-    to_lower = (math.log(0.95) - math.log(0.8)) / error
-    to_upper = (math.log(1.25) - math.log(0.95)) / error
-    assert tost_power(to_lower, to_upper, n - 2.0, size=0.05) == pytest.approx(published, abs=5e-7)
-
-
 @pytest.mark.parametrize(("df", "low", "high"), [(1, 3.0, 3.0), (4, 2.5, 6.0), (60, 2.0, 2.2)])
 def test_power_is_an_integral_over_the_sample_sd(df, low, high):
     t = stats.t.isf(0.05, df)
@@ -93,13 +80,3 @@ def test_with_one_limit_power_is_a_noncentral_t():
 def test_a_size_out_of_range_is_refused(size):
     with pytest.raises(UsageError, match=r"the size must be above 0 and at most 0\.5"):
         tost_power(1.0, 1.0, 4, size=size)
-
-
-@pytest.mark.parametrize("subjects", [2, 4, 10])
-@pytest.mark.parametrize("sd", [0.3, 30.0])
-def test_errors_at_the_edge_stay_at_their_size(subjects, sd):
-    found = rates(subjects, sd, 1.0, studies=2000)
-    limit = SIZE + 4.0 * math.sqrt(SIZE * (1.0 - SIZE) / found.studies)
-    assert found.within <= limit
-    assert found.beyond <= limit
-    assert abs(found.within - found.power) < 4.5 * found.error

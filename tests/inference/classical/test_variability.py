@@ -20,35 +20,6 @@ from percept.inference.classical.variability import (
     trial_mean_squares,
 )
 
-#: Shrout and Fleiss (1979), Table 2: six targets by four judges.
-SHROUT_FLEISS = np.array(
-    [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]],
-    dtype=float,
-)
-
-
-def one_way(table):
-    means = table.mean(axis=1)
-    counts = np.full(len(table), float(table.shape[1]))
-    squares = np.square(table - means[:, None]).sum()
-    return trial_mean_squares(means, counts, math.sqrt(squares / (counts.sum() - len(table))))
-
-
-def averaged(icc, k):
-    """Spearman and Brown: the reliability of the mean of k measurements."""
-    return k * icc / (1.0 + (k - 1.0) * icc)
-
-
-def test_the_six_correlations_of_shrout_and_fleiss():
-    two_way = mean_squares(SHROUT_FLEISS)
-    single = [
-        icc_consistency(one_way(SHROUT_FLEISS), level=0.95).estimate,
-        icc_agreement(two_way, level=0.95).estimate,
-        icc_consistency(two_way, level=0.95).estimate,
-    ]
-    assert [round(value, 2) for value in single] == [0.17, 0.29, 0.71]
-    assert [round(averaged(value, 4), 2) for value in single] == [0.44, 0.62, 0.91]
-
 
 def slow_agreement_limits(table, level):
     """McGraw and Wong (1996), Table 7, case ICC(A,1), letter by letter, by SciPy's F."""

@@ -1,7 +1,5 @@
 """The gate withholds what must be withheld and says why; broken densities are refused by name."""
 
-import re
-
 import numpy as np
 import pytest
 from scipy import signal
@@ -16,7 +14,6 @@ from percept.inference.sampling.gate import (
     measure,
     pass_gate,
 )
-from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample
 from tests.inference.sampling.targets import Means, Normal
 
@@ -26,18 +23,6 @@ def first(points):
 
 
 MEAN = Means(("E x[0]",), first)
-
-
-class Modes(Normal):
-    """Equal narrow modes at every corner of a cube, too far apart for any move."""
-
-    def __init__(self, dimension, apart):
-        super().__init__(dimension)
-        self._apart = apart
-
-    def __call__(self, points):
-        near = np.minimum((points - self._apart) ** 2, (points + self._apart) ** 2)
-        return -0.5 * near.sum(axis=1)
 
 
 class Glitch(Normal):
@@ -70,20 +55,6 @@ def test_passes_on_a_plain_target():
     assert run.gate.error_reached == ""
     assert run.gate.worst == "E x[0]"
     assert abs(run.estimates.value[0]) < 4 * run.errors[0]
-
-
-def test_separated_modes_are_withheld():
-    """The refined transport finds its way between four modes in two dimensions, not among 4096
-    in twelve."""
-    means = Means(("E x[0]", "E x[1]"), lambda points: points[:, :2])
-    run = sample(Modes(12, 1000.0), means, Settings(tolerance=0.05, seed=2, most_steps=600))
-    assert not run.gate.passed
-    reasons = " ".join(run.gate.reasons)
-    assert re.search(r"the ensembles disagree on E x\[[01]\]: rank R-hat", reasons)
-    assert re.search(
-        r"autocorrelation times of its slowest quantity, E x\[[01]\]; 10 are needed", reasons
-    )
-    assert run.gate.rhat > 1.01
 
 
 def test_stuck_walkers_are_withheld():
@@ -190,21 +161,6 @@ def test_same_seed_same_digits_other_seed_same_answer():
     assert not np.array_equal(runs[0].points[:, :5], runs[2].points[:, :5])
     error = np.hypot(runs[0].errors, runs[2].errors)
     assert np.all(np.abs(runs[0].estimates.value - runs[2].estimates.value) < 4 * error)
-
-
-def test_walkers_go_on_from_where_they_are_and_inputs_are_unharmed():
-    target = Normal(4)
-    points = np.random.default_rng(1).normal(size=(4, 64, 4))
-    given = points.copy()
-    first, second = (Ensembles(target, points, np.random.SeedSequence(3)) for _ in range(2))
-    pieces, again = (
-        [walkers.advance(steps, 3) for steps in (24, 36)] for walkers in (first, second)
-    )
-    for kept, kept_again in zip(pieces, again, strict=True):
-        np.testing.assert_array_equal(kept_again, kept)
-    assert [kept.shape for kept in pieces] == [(4, 8, 64, 4), (4, 12, 64, 4)]
-    assert first.steps == 60
-    np.testing.assert_array_equal(points, given)
 
 
 def judged(components):

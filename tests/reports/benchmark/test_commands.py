@@ -11,14 +11,11 @@ from percept.sessions import Sessions
 from percept.study.prepare import prepare
 from reports import dataset
 from reports.benchmark.commands import (
-    COMMANDS,
     exponent,
     least,
     not_imported,
-    report_of,
     sessions_of,
     study_without,
-    timed,
 )
 from reports.calibration.studies import Kind, draw_study
 from reports.measure import Cost, in_a_process
@@ -107,14 +104,6 @@ def test_the_least_of_each_part_counts():
     assert found == {"report": Cost(2.5, 2.0, 90.0)}
 
 
-@pytest.mark.evidence
-def test_commands_are_timed_beside_imports():
-    costs, imports = timed({"validate": COMMANDS["validate"]}, 1)
-    assert costs.keys() == imports.keys() == {"validate"}
-    assert costs["validate"].processor > 0.1
-    assert imports["validate"].memory > 50.0
-
-
 def test_the_power_that_time_goes_with():
     amounts = [10, 20, 40, 80, 160]
     assert exponent({n: 0.01 * n**1.5 for n in amounts}) == pytest.approx(1.5, rel=1e-9)
@@ -135,11 +124,3 @@ def test_sessions_hold_the_trials_of_a_study():
         references = table.groupby("environment")[f"{name}_ref"].first()
         decades = np.log10(references / np.exp(np.log(references).mean()))
         assert decades.to_numpy() == pytest.approx([-1.5, -0.5, 0.5, 1.5], abs=1e-12)
-
-
-@pytest.mark.evidence
-def test_a_report_of_a_simulated_study():
-    kind = Kind(8, 3, (2, 2), ("hand",))
-    cost, page_size = report_of(kind, "classical")
-    assert cost.processor > 1.0
-    assert 0.1 < page_size < 10.0

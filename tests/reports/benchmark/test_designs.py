@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from reports.benchmark.designs import page
 from reports.benchmark.simulated import DESIGNS, simulated
 
 
@@ -46,13 +45,3 @@ def test_scatter_between_subjects_vanishes_where_sigma_w_does():
     trials = (within**2).sum(axis=0) / (24 * 12 * 2) / 3
     # The ratio of variances of 253 and 576 degrees of freedom has a relative SD of about 0.11.
     assert between / trials == pytest.approx(np.ones(2), abs=0.45)
-
-
-@pytest.mark.evidence
-def test_a_fit_is_measured(tmp_path):
-    """Two seconds of processor time: a fit to the default tolerance is what the page measures."""
-    text = page(tmp_path, rows=("6x3x1", "subjects' own trial SDs, no factor"), seeds=1).text
-    assert "All fits pass the gate." in text
-    row = next(line.split(" | ") for line in text.splitlines() if line.startswith("| 6x3x1"))
-    assert 0.5 < float(row[2]) < 60.0
-    assert float(row[8].rstrip(" |")) <= 0.01

@@ -1,7 +1,5 @@
 """From runs to times at given errors, ratios and the page."""
 
-import importlib.util
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,6 @@ from reports.benchmark.samplers import (
     LEVELS,
     Measured,
     measured,
-    page,
     time_cells,
     times_to,
     written,
@@ -74,16 +71,3 @@ def test_the_page_holds_everything(tmp_path):
     assert "time (s)" in (tmp_path / "figures" / "time-published.svg").read_text(encoding="utf-8")
     assert "| published | percept | 1 / 2 / 2 | *1 /" not in text
     assert "| published | nutpie, written plainly | 30 / 20 / 30 |" in text
-
-
-@pytest.mark.evidence
-@pytest.mark.skipif(importlib.util.find_spec("pymc") is not None, reason="peers are installed")
-def test_a_quick_run_of_what_is_installed(tmp_path):
-    text = page(tmp_path, studies=("published",), quick=True).text
-    assert "Not installed, and left out: nutpie, written plainly." in text
-    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| published |")]
-    ours, emcee = rows[-2:]
-    assert (ours[1], emcee[1]) == ("percept", "emcee")
-    # emcee's stretch moves, far too short: an error that is shown, not agreement.
-    assert float(emcee[7]) > 2.0 * float(ours[7])
-    assert float(ours[7]) < 0.1

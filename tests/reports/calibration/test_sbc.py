@@ -7,14 +7,11 @@ import dataclasses
 import itertools
 import json
 
-import emcee
 import numpy as np
 import pytest
 
 from percept.inference.model.design import design_of
 from percept.inference.model.model import LinearModel
-from percept.inference.sampling.moves import ReferenceLaw, standard_moves
-from reports.__main__ import main
 from reports.calibration.fits import place_study, written
 from reports.calibration.uniformity import (
     EcdfBand,
@@ -86,35 +83,6 @@ def test_wrong_density_is_caught(density):
     assert any(name.startswith("sigma") for name in found.outside)
 
 
-def ranks_under(moves, *, dimension=20, walkers=100, studies=30):
-    """x ~ N(0, 1), y ~ N(x, 1): ranks of x among y/2 + z/sqrt(2), z drawn by emcee from a
-    standard normal."""
-    rng = np.random.default_rng(3)
-    sampler = emcee.EnsembleSampler(
-        walkers, dimension, lambda z: -0.5 * (z**2).sum(axis=1), moves=moves, vectorize=True
-    )
-    sampler.random_state = np.random.RandomState(4).get_state()
-    steps = sampler.sample(
-        rng.normal(size=(walkers, dimension)), iterations=80 + 5 * studies, store=False
-    )
-    placed = []
-    for step, state in enumerate(steps):
-        if step < 80 or step % 5:
-            continue
-        x = rng.normal(size=dimension)
-        y = x + rng.normal(size=dimension)
-        posterior = 0.5 * y + np.sqrt(0.5) * state.coords[: walkers - 1]
-        placed += [placed_at({"x": u}) for u in ((posterior < x).sum(axis=0) + 0.5) / walkers]
-    return placed
-
-
-def test_snooker_move_is_caught_and_ours_is_not():
-    plan = dataclasses.replace(PLAN, draws=99)
-    assert judged(plan, ranks_under(emcee.moves.DESnookerMove())).outside == ["x"]
-    ours = standard_moves(ReferenceLaw(20), np.random.default_rng(5))
-    assert judged(plan, ranks_under(ours)).outside == []
-
-
 def test_every_level_of_the_model_is_placed():
     placed = place_study(Plan(kind="three subjects"), 0)
     heads = {name.split("[")[0] for name in placed}
@@ -173,28 +141,6 @@ def test_fits_that_were_kept_are_not_made_again(tmp_path):
     assert one_place(PLAN, 2) == json.loads(path.read_text().splitlines()[2])["values"]
 
 
-@pytest.mark.evidence
-def test_fits_are_the_same_on_two_workers(tmp_path):
-    found = []
-    for workers in ("1", "2"):
-        out = tmp_path / workers
-        asked = [
-            "--fits",
-            "2",
-            "--kinds",
-            "one environment",
-            "--workers",
-            workers,
-            "--out",
-            str(out),
-        ]
-        assert main(["sbc", *asked]) == 0
-        lines = (out / "finished.jsonl").read_text().splitlines()
-        found.append(sorted(lines, key=lambda line: json.loads(line)["index"]))
-        assert [json.loads(line)["index"] for line in found[-1]] == [0, 1]
-    assert found[0] == found[1]
-
-
 def test_the_page_says_what_is_wrong():
     right = judged(PLAN, uniform_places(50, ["rho_w", "mean[k,1]"]))
     wrong = judge_places(
@@ -219,31 +165,10 @@ def test_probability_equals_enumeration():
     assert abs(band.probability() - inside / 4**6) < 1e-13
 
 
-@pytest.mark.parametrize(("count", "error"), [(50, 0.05), (400, 0.01)])
-def test_band_holds_uniform_values_as_often_as_stated(count, error):
-    band = ecdf_band(count, 20, error)
-    assert (
-        1 - error <= band.probability() < 1 - 0.6 * error
-    )  # counts are whole: a little wide at most
-    rng = np.random.default_rng(1)
-    repeats = 1000
-    held = sum(band.judge("u", rng.random(count)).inside for _ in range(repeats))
-    sd = np.sqrt(repeats * band.probability() * (1 - band.probability()))
-    assert abs(held - repeats * band.probability()) < 4.5 * sd
-
-
-def test_narrower_bands_would_fail():
-    band = ecdf_band(200, 20, 0.01)
-    assert EcdfBand(200, 20, 1.2 * band.tail).probability() < 0.99
-
-
-@pytest.mark.parametrize("power", [0.7, 1.4])
-def test_values_that_are_not_uniform_leave_the_band(power):
-    values = np.random.default_rng(2).random(400) ** power
+def test_a_band_is_as_wide_as_stated_but_for_whole_counts():
     band = ecdf_band(400, 20, 0.01)
-    judged = band.judge("u", values)
-    assert not judged.inside
-    assert judged.least_tail < band.tail
+    assert 0.99 <= band.probability() < 0.994
+    assert EcdfBand(400, 20, 1.2 * band.tail).probability() < 0.99
 
 
 def test_counts_and_tails_by_hand():
