@@ -1,17 +1,24 @@
-"""What a study with factors compares: levels, interactions, and means of levels."""
+"""What a study with factors compares, and each subject's numbers in the cells that it weighs.
+
+Levels of a factor are compared two by two; interactions compare such differences, and every level
+has a mean. A comparison weighs cells, and a cell is a reference at one level of every factor.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from percept.inference.classical.variability import log_sd
 from percept.results import Skipped
 from percept.sessions.records import Factors
 from percept.study.basics import Array
 from percept.study.conditions import CellKey, Conditions
+from percept.study.responses import Trials
 
 #: Signs of a contrast, by the levels of its factors.
 _Signs = dict[tuple[str, ...], float]
@@ -24,14 +31,14 @@ class Comparison:
     factor: str  # Its column; of an interaction all columns, joined by ":"
     first: str
     second: str
-    of: str  # "bias", "interaction", "slope" of a covariate, or "level" for its mean
+    #: Of locations "bias", "interaction", "slope" of a covariate, or "level" for its mean; of
+    #: ratios of SDs "spread" and "precision".
+    of: str
     within: bool  # Whether each subject has all levels; of a slope, whether each has one
     environment: str | None = None  # None over all references
     references: tuple[str, ...] = ()  # Environments it rests on
-    #: Of the cells' locations; none of a slope.
-    weights: Mapping[CellKey, float] = dataclasses.field(default_factory=dict)
+    weights: Mapping[CellKey, float] = dataclasses.field(default_factory=dict)  # None of a slope
     groups: tuple[str, str] = ("", "")  # Levels of a factor between subjects that it compares
-    unit: float = 1.0  # SD of a covariate: its slope is told for one of its units
 
     @property
     def versus(self) -> str:
@@ -39,13 +46,19 @@ class Comparison:
         return f"{self.second} against {self.first}"
 
     @property
-    def of_users(self) -> bool:
-        """Whether each user has it too."""
-        return self.of == "level" or (self.of != "slope" and self.within)
+    def where(self) -> str:
+        """Its environment in words."""
+        return self.environment or "overall"
 
-    def row(self, cells: Sequence[CellKey]) -> Array:
-        """Weights of all cells (C,)."""
-        return np.array([self.weights.get(cell, 0.0) for cell in cells])
+    @property
+    def is_ratio(self) -> bool:
+        """Whether it is a ratio of SDs, and not a combination of locations."""
+        return self.of in ("spread", "precision")
+
+    @property
+    def is_of_users(self) -> bool:
+        """Whether each user has it too, so that it has intervals of all kinds."""
+        return self.of == "level" or (self.within and self.of in ("bias", "interaction"))
 
 
 def comparisons(
@@ -156,3 +169,71 @@ def _weights(
         by_others.setdefault(others, {})[cell] = signs[own]
     whole = [weights for weights in by_others.values() if len(weights) == len(signs)]
     return {cell: sign / len(whole) for weights in whole for cell, sign in weights.items()}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SubjectCells:
+    """One number of each of N subjects in a cell, such as the mean of the trials."""
+
+    #: (N,) by environment and levels of the factors within subjects; NaN where there is none.
+    values: dict[CellKey, Array]
+    groups: dict[str, NDArray[np.object_]]  # (N,) Level of each factor between subjects
+    within: tuple[int, ...]  # Indices of the factors within subjects among all factors
+
+    @property
+    def lacking(self) -> Array:
+        """Values of a cell that the study lacks, (N,)."""
+        return np.full_like(next(iter(self.values.values())), np.nan)
+
+    def weighed(self, weights: Mapping[CellKey, float]) -> Array:
+        """Sum each subject's weighted cells, (N,); NaN for subjects who lack a cell.
+
+        Cells that differ in their groups alone are one cell of a subject.
+        """
+        total = np.zeros_like(self.lacking)
+        for (environment, levels), weight in weights.items():
+            cell = (environment, tuple(levels[place] for place in self.within))
+            total = total + weight * self.values.get(cell, self.lacking)
+        return total
+
+    def at_level(self, level: Comparison) -> Array:
+        """Each subject's mean at one level; NaN in other groups, and where a cell is lacking."""
+        means = self.weighed(level.weights)
+        if level.factor in self.groups:
+            means[self.groups[level.factor] != level.second] = np.nan
+        return means
+
+
+def subject_cells(
+    numbers: Array, trials: Trials, factors: Factors, between: Collection[str]
+) -> SubjectCells:
+    """Lay out a number of each subject in each cell (N, C), of trials of one quantity.
+
+    Every subject has one level only of the factors `between`.
+    """
+    within = tuple(place for place, name in enumerate(factors.levels) if name not in between)
+    values: dict[CellKey, Array] = {}
+    groups = {name: np.full(len(numbers), "", dtype=object) for name in between}
+    for column, name in zip(numbers.T, trials.environments, strict=True):
+        environment, levels = factors.cells[name]
+        cell = (environment, tuple(levels[place] for place in within))
+        present = np.isfinite(column)
+        # Each subject is in one group, so that the parts of a cell have no subject twice.
+        values.setdefault(cell, np.full(len(numbers), np.nan))[present] = column[present]
+        for group, level in groups.items():
+            level[present] = factors.level(name, group)
+    return SubjectCells(values, groups, within)
+
+
+def log_trial_sds(trials: Trials) -> Array:
+    """Log SDs between trials of one quantity, by subject and cell (N, C).
+
+    −∞ where trials are all equal, NaN without repeats.
+    """
+    found = np.full(trials.counts.shape, np.nan)
+    for i, c in np.argwhere(trials.counts > 1.0).tolist():
+        own = trials.response[(trials.subject == i) & (trials.environment == c), 0]
+        # Rounding of the mean is no scatter.
+        sd = own.std(ddof=1) if np.ptp(own) > 0.0 else 0.0
+        found[i, c] = log_sd(sd, len(own) - 1.0)
+    return found

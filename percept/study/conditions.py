@@ -194,7 +194,7 @@ def _refuse_aliases(sessions: Sessions, conditions: Conditions) -> None:
     named = [*conditions.terms, *((name,) for name in conditions.covariates)]
     for term in named:
         if term[0] in conditions.covariates:
-            added = covariate_values(table, term)
+            added = in_sds(table[list(term)].astype(float))
         else:
             joint = table[list(term)].astype(str).agg(":".join, axis=1)
             added = pd.get_dummies(joint, dtype=float).to_numpy()
@@ -207,8 +207,8 @@ def _refuse_aliases(sessions: Sessions, conditions: Conditions) -> None:
         rank = larger
 
 
-def covariate_values(table: pd.DataFrame, names: Sequence[str]) -> Array:
-    """Covariates of every row, centred and in SDs, shape (rows, M)."""
-    values = table[list(names)].apply(pd.to_numeric).to_numpy(dtype=float)
+def in_sds(covariates: pd.DataFrame) -> Array:
+    """Centre covariates, and take them in their SDs, shape (rows, M)."""
+    values = covariates.to_numpy(dtype=float)
     centred = values - values.mean(axis=0)
     return np.asarray(centred / values.std(axis=0))

@@ -1,7 +1,7 @@
 """Contrasts of factors and groups, levels, and the analysis of variance, by the classical method.
 
-A subject's value in a cell is the mean of their trials there, on the response scale. Rows of
-contrasts by any method are made here.
+A subject's value in a cell is the mean of their trials there, on the response scale. What is
+compared, and the rows of contrasts, are made here for both methods.
 """
 
 from __future__ import annotations
@@ -9,208 +9,214 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from percept.errors import RefusalError
 from percept.inference.classical.anova import Effect, anova
 from percept.inference.classical.contrasts import (
-    TwoSamples,
     group_contrast,
     group_spread_ratio,
     paired_contrast,
     spread_ratio,
 )
 from percept.inference.classical.moments import Moments
-from percept.inference.record import Interval, Kind, Method
+from percept.inference.record import Kind, Method
 from percept.results import AnovaRow, ContrastRow, LevelValues, Skipped
 from percept.sessions.records import Factors
 from percept.study.basics import Array, claim_of, known
-from percept.study.comparisons import Comparison, comparisons, level_means
-from percept.study.conditions import CellKey, Conditions
-from percept.study.data import Data
-from percept.study.responses import Trials
-from percept.study.subject_cells import (
+from percept.study.comparisons import (
+    Comparison,
     SubjectCells,
+    comparisons,
+    level_means,
     log_trial_sds,
-    repeated_cells,
     subject_cells,
 )
+from percept.study.conditions import Conditions
+from percept.study.data import Data
+from percept.study.responses import Trials
 
-_Rows = Iterator[ContrastRow | Skipped]
 #: What the references are called as a factor: the column of the sessions.
 ENVIRONMENT = "environment"
 
 
-def classical_contrasts(data: Data) -> _Rows:
+def compared(data: Data, trials: Trials, parameter: str) -> Iterator[Comparison | Skipped]:
+    """Yield what is compared of a quantity in the cells of its trials."""
+    factors = data.sessions.factors
+    if factors is None:
+        return
+    conditions = data.conditions
+    label = data.quantities[parameter].label
+    cells = [factors.cells[name] for name in trials.environments]
+    for found in comparisons(conditions, factors, cells, label):
+        yield found
+        if isinstance(found, Comparison) and found.of == "bias":
+            yield dataclasses.replace(found, of="spread")
+    for *_, mean in level_means(conditions, factors, cells):
+        yield mean
+    dfs = trials.statistics.trial_df
+    repeated = [cell for cell, df in zip(cells, dfs, strict=True) if df > 0.0]
+    precision = f"precision of {label}"
+    precise = conditions.precise
+    for found in comparisons(precise, factors, repeated, precision, "repeated trials"):
+        if isinstance(found, Comparison):
+            found = dataclasses.replace(found, of="precision")
+        yield found
+
+
+def classical_contrasts(data: Data) -> Iterator[ContrastRow | Skipped]:
     """Yield intervals of subjects' own contrasts, and of groups of subjects."""
     factors = data.sessions.factors
+    conditions = data.conditions
     for parameter in data.parameters:
         label = data.quantities[parameter].label
-        for column in data.conditions.covariates:
+        for column in conditions.covariates:
             why = "only the hierarchical model estimates slopes"
             yield Skipped(f"classical slope of {label} on {column}", why)
         if factors is None:
             continue
         try:
-            means = _Values(data, parameter, label, data.subject_cells(parameter))
+            trials = data.trials(parameter)
         except RefusalError as refused:
             yield Skipped(f"contrasts of {label}", str(refused))
             continue
-        keys = [factors.cells[name] for name in data.trials(parameter).environments]
-        yield from means.contrasts(data.conditions, factors, keys)
-        for *_, level in level_means(data.conditions, factors, keys):
-            yield from means.paired(level)
-        if data.conditions.precision:
-            yield from _precision(data, parameter, factors)
+        means = _means(data, trials, factors)
+        log_sds = means
+        if conditions.precision:
+            values, equal = _log_sds(trials, label)
+            yield from equal
+            log_sds = subject_cells(values, trials, factors, conditions.between)
+        for found in compared(data, trials, parameter):
+            if isinstance(found, Skipped):
+                yield found
+                continue
+            if found.of == "precision":
+                yield from _rows(data, parameter, f"precision of {label}", found, log_sds)
+            else:
+                yield from _rows(data, parameter, label, found, means)
 
 
-def _precision(data: Data, parameter: str, factors: Factors) -> _Rows:
-    """Yield ratios of SDs between trials, by subjects' log SDs in place of their means."""
-    label = f"precision of {data.quantities[parameter].label}"
-    trials = data.trials(parameter)
+def _means(data: Data, trials: Trials, factors: Factors) -> SubjectCells:
+    """Each subject's means of one quantity in the cells of all factors, as responses."""
+    means = trials.statistics.cell_means[:, 0]
+    return subject_cells(means, trials, factors, data.conditions.between)
+
+
+def _log_sds(trials: Trials, label: str) -> tuple[Array, list[Skipped]]:
+    """Log SDs between each subject's trials in each cell, (N, C), and those there are none of."""
     log_sds = log_trial_sds(trials)
+    skipped = []
     for i, cell in np.argwhere(np.isneginf(log_sds)).tolist():
+        what = f"{trials.subjects[i]} in the precision of {label}"
         why = f"all trials in {trials.environments[cell]} are equal, and zero has no logarithm"
-        yield Skipped(f"{trials.subjects[i]} in the {label}", why)
-        log_sds[i] = np.nan
-    of_subjects = subject_cells(log_sds, trials, factors, data.conditions.between)
-    if not of_subjects.values:
-        yield Skipped(label, "no subject repeats a trial in a cell")
+        skipped.append(Skipped(what, why))
+        log_sds[i, cell] = np.nan
+    return log_sds, skipped
+
+
+def _rows(
+    data: Data, parameter: str, label: str, comparison: Comparison, cells: SubjectCells
+) -> Iterator[ContrastRow | Skipped]:
+    """Yield the intervals of a comparison; or say why it has none."""
+    is_paired = comparison.within or comparison.of == "level"
+    if not is_paired and len(cells.groups) > 1:
+        what = f"classical contrasts of groups in {label}"
+        yield Skipped(what, "Welch's test compares the groups of one column only")
         return
-    values = _Values(data, parameter, label, of_subjects, is_of_trials=True)
-    keys = repeated_cells(trials, factors)
-    yield from values.contrasts(data.conditions.precise, factors, keys)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Values:
-    """One number of each subject in each cell: the mean of the trials, or their log SD."""
-
-    data: Data
-    parameter: str
-    label: str  # What is compared, in words
-    cells: SubjectCells
-    is_of_trials: bool = False  # Whether they are log SDs
-
-    def contrasts(self, conditions: Conditions, factors: Factors, keys: Sequence[CellKey]) -> _Rows:
-        """Yield the rows of every pair of levels and every interaction."""
-        lacking = "repeated trials" if self.is_of_trials else "data"
-        for comparison in comparisons(conditions, factors, keys, self.label, lacking):
-            if isinstance(comparison, Skipped):
-                yield comparison
-            elif comparison.within:
-                yield from self.paired(comparison)
-            elif len(conditions.between) == 1:
-                yield from self._of_groups(comparison, factors)
-        if len(conditions.between) > 1:
-            what = f"classical contrasts of groups in {self.label}"
-            yield Skipped(what, "Welch's test compares the groups of one column only")
-
-    def paired(self, comparison: Comparison) -> _Rows:
-        """Yield paired intervals and ratios of SDs, of subjects who have every cell."""
-        what = self._named(comparison)
-        is_complete = np.isfinite(self.cells.at_level(comparison))
-        n = int(is_complete.sum())
-        if n < 2:
-            yield Skipped(what, "fewer than two subjects have all its levels")
-            return
-        weights = self.cells.own(comparison).weights
-        weight = np.array(list(weights.values()))
-        values = self.cells.in_cells(list(weights))[is_complete]
-        second = values @ np.maximum(weight, 0.0)
-        first = values @ np.maximum(-weight, 0.0)
-        asked = self.data.asked
-        try:
-            for kind in ("mean",) if self.is_of_trials else asked.kinds:
-                interval, *evidence = paired_contrast(second - first, kind, **claim_of(asked))
-                p_value, d_z = evidence if kind == "mean" else (None, None)
-                yield self._row(comparison, interval, comparison.of, n, p_value, kind, d_z)
-            if comparison.of == "bias" and not self.is_of_trials:
-                ratio = spread_ratio(first, second, level=asked.level)
-                yield self._row(comparison, ratio, "spread", ratio.n, ratio.p_value)
-        except RefusalError as refused:
-            yield Skipped(what, str(refused))
-
-    def _of_groups(self, comparison: Comparison, factors: Factors) -> _Rows:
-        """Yield Welch's interval and the F interval of subjects' values in two groups."""
-        ((column, levels),) = self.cells.groups.items()
-        factor_number = list(factors.levels).index(column)
-        first, second = comparison.groups
-        # Both groups' values weigh the same cells, which the second one's part of the contrast
-        # tells.
-        of_second = {
-            cell: weight
-            for cell, weight in comparison.weights.items()
-            if cell[1][factor_number] == second
-        }
-        one_sided = dataclasses.replace(comparison, weights=of_second)
-        values = self.cells.weighed(self.cells.own(one_sided).weights)
-        samples = [values[np.isfinite(values) & (levels == level)] for level in (first, second)]
-        what = self._named(comparison)
-        if min(map(len, samples)) < 2:
-            yield Skipped(what, "a group has fewer than two subjects with all cells")
-            return
-        moments = [Moments.from_values(sample) for sample in samples]
-        if min(float(group.sd) for group in moments) == 0.0:
-            yield Skipped(what, "all subjects of a group have one value")
-            return
-        level = self.data.asked.level
-        difference = group_contrast(*moments, level=level)
-        yield self._row(
-            comparison, difference, comparison.of, difference.n, difference.p_value, "mean"
-        )
-        if comparison.of == "bias" and not self.is_of_trials:
-            ratio = group_spread_ratio(*moments, level=level)
-            yield self._row(comparison, ratio, "spread", ratio.n, ratio.p_value)
-
-    def _named(self, comparison: Comparison) -> str:
-        """Name a comparison in words."""
+    try:
+        yield from (_paired if is_paired else _of_groups)(data, parameter, comparison, cells)
+    except RefusalError as refused:
         where = f"in {comparison.environment}" if comparison.environment else "overall"
-        return f"contrast of {self.label}, {comparison.versus}, {where}"
+        what = f"contrast of {label}, {comparison.versus}, {where}"
+        yield Skipped(what, str(refused))
 
-    def _row(
-        self,
-        comparison: Comparison,
-        interval: Interval | TwoSamples,
-        of: str,
-        n: int,
-        p_value: float | None,
-        kind: Kind | None = None,
-        d_z: float | None = None,
-    ) -> ContrastRow:
-        """Make a row; values that are log SDs differ by the logarithm of a ratio."""
-        ends = np.array([interval.lower, interval.upper, interval.estimate])
-        if self.is_of_trials:
-            of, kind = "precision", None
-            ends = np.exp(ends)
-        evidence = {"p_value": p_value, "d_z": d_z}
-        return contrast_row(
-            self.data, self.parameter, comparison, of, ends, n, "classical", evidence, kind
+
+def _paired(
+    data: Data, parameter: str, comparison: Comparison, cells: SubjectCells
+) -> Iterator[ContrastRow]:
+    """Yield intervals of subjects' own contrasts, of subjects who have every cell."""
+    values = cells.at_level(comparison)
+    is_complete = np.isfinite(values)
+    n = int(is_complete.sum())
+    if n < 2:
+        raise RefusalError("fewer than two subjects have all its levels")
+    asked = data.asked
+    if comparison.of == "spread":
+        weights = comparison.weights
+        second = cells.weighed({cell: weight for cell, weight in weights.items() if weight > 0.0})
+        first = cells.weighed({cell: -weight for cell, weight in weights.items() if weight < 0.0})
+        ratio = spread_ratio(first[is_complete], second[is_complete], level=asked.level)
+        ends = np.array([ratio.lower, ratio.upper, ratio.estimate])
+        yield contrast_row(
+            data, parameter, comparison, ends, n, method="classical", p_value=ratio.p_value
         )
+        return
+    for kind in ("mean",) if comparison.is_ratio else asked.kinds:
+        interval, p_value, d_z = paired_contrast(values[is_complete], kind, **claim_of(asked))
+        evidence = {"p_value": p_value, "d_z": d_z} if kind == "mean" else {}
+        ends = np.array([interval.lower, interval.upper, interval.estimate])
+        # Values that are log SDs differ by the logarithm of a ratio.
+        ends = np.exp(ends) if comparison.is_ratio else ends
+        yield contrast_row(
+            data, parameter, comparison, ends, n, kind=kind, method="classical", **evidence
+        )
+
+
+def _of_groups(
+    data: Data, parameter: str, comparison: Comparison, cells: SubjectCells
+) -> Iterator[ContrastRow]:
+    """Yield Welch's interval, or the F interval, of subjects' values in two groups."""
+    assert data.sessions.factors is not None
+    ((column, groups),) = cells.groups.items()
+    place = list(data.sessions.factors.levels).index(column)
+    # Both groups' values weigh the same cells, which the second one's part of the contrast tells.
+    *_, second = comparison.groups
+    of_second = {
+        cell: weight for cell, weight in comparison.weights.items() if cell[1][place] == second
+    }
+    values = cells.weighed(of_second)
+    samples = [values[np.isfinite(values) & (groups == group)] for group in comparison.groups]
+    if min(map(len, samples)) < 2:
+        raise RefusalError("a group has fewer than two subjects with all cells")
+    moments = [Moments.from_values(sample) for sample in samples]
+    if min(float(group.sd) for group in moments) == 0.0:
+        raise RefusalError("all subjects of a group have one value")
+    test = group_spread_ratio if comparison.of == "spread" else group_contrast
+    found = test(*moments, level=data.asked.level)
+    ends = np.array([found.lower, found.upper, found.estimate])
+    ends = np.exp(ends) if comparison.of == "precision" else ends
+    yield contrast_row(
+        data, parameter, comparison, ends, found.n, method="classical", p_value=found.p_value
+    )
 
 
 def contrast_row(
     data: Data,
     parameter: str,
     comparison: Comparison,
-    of: str,
-    ends: Array,
+    ends: ArrayLike,
     n: int,
+    *,
+    kind: Kind = "mean",
     method: Method,
-    evidence: Mapping[str, float | None],
-    kind: Kind | None = None,
-    together: Array | None = None,
+    together: ArrayLike | None = None,
+    **evidence: float,
 ) -> ContrastRow:
     """Make a row of lower limit, upper limit and estimate, and of limits that hold together.
 
-    They are differences of responses if there is a kind, else ratios of SDs. `evidence` are
-    p-value, probability and d_z by their names in the row.
+    They are differences of responses, or ratios of SDs. `evidence` are p-value, probability and d_z
+    by their names in the row.
     """
     asked = data.asked
-    lower, upper, estimate = (data.differences(parameter, ends) if kind else ends).tolist()
+    unit = ""
+    if not comparison.is_ratio:
+        ends = data.differences(parameter, ends)
+        unit = data.unit_of_differences(parameter)
+    lower, upper, estimate = np.asarray(ends).tolist()
     lower_together, upper_together = None, None
     if together is not None:
         lower_together, upper_together = data.differences(parameter, together).tolist()
@@ -221,8 +227,8 @@ def contrast_row(
         environment=comparison.environment,
         references=comparison.references,
         parameter=parameter,
-        of=of,
-        kind=kind,
+        of=comparison.of,
+        kind=None if comparison.is_ratio else kind,
         method=method,
         family=asked.family,
         level=asked.level,
@@ -233,7 +239,7 @@ def contrast_row(
         estimate=estimate,
         lower_together=lower_together,
         upper_together=upper_together,
-        unit=data.unit_of_differences(parameter) if kind else "",
+        unit=unit,
         within=comparison.within,
         n=n,
         **evidence,
@@ -249,26 +255,24 @@ def level_values(data: Data) -> Iterator[LevelValues]:
     factors = data.sessions.factors
     if factors is None or not data.scene.terms:
         return
-    means = list(level_means(data.conditions, factors, list(factors.cells.values())))
-    compared: list[tuple[Comparison, str | None]] = [(overall, None) for *_, overall in means]
-    compared += [
-        (at_environment, at_environment.environment)
-        for *by_environment, _ in means
-        for at_environment in by_environment
-    ]
+    by_level = list(level_means(data.conditions, factors, list(factors.cells.values())))
+    at_levels: list[tuple[Comparison, str | None]] = [(overall, None) for *_, overall in by_level]
+    for *by_environment, _ in by_level:
+        at_levels += [(mean, mean.environment) for mean in by_environment]
     for parameter in data.parameters:
         try:
-            cells = data.subject_cells(parameter)
+            trials = data.trials(parameter)
         except RefusalError:
             continue
-        for comparison, environment in compared:
-            values = data.differences(parameter, cells.at_level(comparison))
+        cells = _means(data, trials, factors)
+        for mean, environment in at_levels:
+            values = data.differences(parameter, cells.at_level(mean))
             yield LevelValues(
-                factor=comparison.factor,
-                level=comparison.second,
+                factor=mean.factor,
+                level=mean.second,
                 parameter=parameter,
                 environment=environment,
-                within=comparison.within,
+                within=mean.within,
                 values=tuple(map(known, values.tolist())),
             )
 
@@ -285,31 +289,24 @@ def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
     # As sets: a:b and b:a are one term.
     terms = {frozenset(term) for term in conditions.terms}
     for parameter in data.parameters:
-        what = f"analysis of variance of {data.quantities[parameter].label}"
         try:
-            cells = data.subject_cells(parameter)
+            trials = data.trials(parameter)
         except RefusalError:
             # The contrasts say why.
             continue
-        if len(conditions.between) > 1:
-            yield Skipped(what, "it compares the groups of one column only")
-            continue
-        trials = data.trials(parameter)
         try:
-            effects = _effects(cells, trials, factors, conditions)
+            effects = _effects(_means(data, trials, factors), trials, factors, conditions)
         except RefusalError as refused:
+            what = f"analysis of variance of {data.quantities[parameter].label}"
             yield Skipped(what, str(refused))
             continue
         for effect in effects:
             model_term = frozenset(effect.factors) - {ENVIRONMENT}
             if not model_term or model_term in terms:
-                yield AnovaRow(
-                    factor=":".join(effect.factors),
-                    parameter=parameter,
-                    family=data.asked.family,
-                    n=len(trials.subjects),
-                    **{name: value for name, value in vars(effect).items() if name != "factors"},
-                )
+                numbers = {**vars(effect), "factor": ":".join(effect.factors)}
+                del numbers["factors"]
+                n = len(trials.subjects)
+                yield AnovaRow(parameter=parameter, family=data.asked.family, n=n, **numbers)
 
 
 def _effects(
@@ -319,37 +316,23 @@ def _effects(
 
     The factor between subjects, of which there is one at most, puts each into a group.
     """
-    within = {
-        name: labels for name, labels in factors.levels.items() if name not in conditions.between
-    }
-    values = _complete(cells, trials, factors, list(within.values()))
-    axes: dict[str, Sequence[str]] = {}
-    if len(factors.environments) > 1:
-        axes[ENVIRONMENT] = tuple(factors.environments)
-    axes |= within
-    between = next(iter(conditions.between), "")
-    group = pd.factorize(cells.groups[between])[0] if between else None
-    values = values.reshape(len(values), *(len(labels) for labels in axes.values()))
-    return anova(values, tuple(axes), group=group, between=between)
-
-
-def _complete(
-    cells: SubjectCells, trials: Trials, factors: Factors, within: Sequence[Sequence[str]]
-) -> Array:
-    """Subjects' values in all cells, (N, cells), references slowest; refuse a missing one.
-
-    `within` holds the levels of each factor within subjects.
-    """
-    keys = list(itertools.product(factors.environments, itertools.product(*within)))
-    table = cells.in_cells(keys)
-    missing = np.argwhere(np.isnan(table))
+    if len(conditions.between) > 1:
+        raise RefusalError("it compares the groups of one column only")
+    axes: dict[str, Sequence[str]] = {ENVIRONMENT: tuple(factors.environments)}
+    for name, levels in factors.levels.items():
+        if name not in conditions.between:
+            axes[name] = levels
+    environments, *within = axes.values()
+    keys = list(itertools.product(environments, itertools.product(*within)))
+    values = np.stack([cells.values.get(key, cells.lacking) for key in keys], axis=1)
+    missing = np.argwhere(np.isnan(values))
     if len(missing):
         row, column = missing[0].tolist()
-        environment, levels = keys[column]
+        environment, at_levels = keys[column]
         subject = trials.subjects[row]
         count = len(np.unique(missing[:, 0]))
         more = f" Cells are missing for {count} subjects in all." if count > 1 else ""
-        cell = factors.cell(environment, levels) if levels else environment
+        cell = factors.cell(environment, at_levels) if at_levels else environment
         name = json.dumps(subject, ensure_ascii=False)  # JSON's texts are TOML's, too
         rule = f'{{ column = "subject", equals = {name}, why = "incomplete" }}'
         raise RefusalError(
@@ -357,4 +340,9 @@ def _complete(
             hint=f"To leave {subject} out: [sessions] exclude = [{rule}]. The contrasts use all"
             " data.",
         )
-    return table
+    if len(environments) == 1:
+        del axes[ENVIRONMENT]
+    values = values.reshape(len(values), *(len(levels) for levels in axes.values()))
+    between = next(iter(conditions.between), "")
+    group = pd.factorize(cells.groups[between])[0] if between else None
+    return anova(values, tuple(axes), group=group, between=between)

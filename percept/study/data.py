@@ -24,7 +24,6 @@ from percept.sessions.quantities import Quantities, Quantity, is_impedance
 from percept.study.basics import FAMILIES, Array, References, analysed_parameters
 from percept.study.conditions import Conditions, conditions_of
 from percept.study.responses import Trials, trials
-from percept.study.subject_cells import SubjectCells, subject_cells
 
 _Names = NDArray[np.object_]
 #: Others whose scatter a distance is measured in: one alone has none.
@@ -67,7 +66,6 @@ class Data:
         self.sessions = sessions
         self.scene = scene
         self._trials: dict[tuple[object, ...], Trials] = {}
-        self._subject_cells: dict[str, SubjectCells] = {}
 
     @property
     def asked(self) -> InferenceTable:
@@ -154,17 +152,6 @@ class Data:
                 self.sessions, self.scene, self.reference, parameters, partial=partial
             )
         return self._trials[key]
-
-    def subject_cells(self, parameter: str) -> SubjectCells:
-        """Subjects' means of a parameter in the cells of all factors, as responses."""
-        if parameter not in self._subject_cells:
-            assert self.sessions.factors is not None
-            trials = self.trials(parameter)
-            means = trials.statistics.cell_means[:, 0]
-            self._subject_cells[parameter] = subject_cells(
-                means, trials, self.sessions.factors, self.conditions.between
-            )
-        return self._subject_cells[parameter]
 
     @cached_property
     def _tables(self) -> dict[str, pd.DataFrame]:

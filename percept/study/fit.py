@@ -13,7 +13,6 @@ from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.model.laws import Moments
 from percept.inference.model.limits import Combinations, Limits, limits_of
 from percept.inference.model.model import Model
-from percept.inference.record import Kind
 from percept.inference.sampling.gate import Progress, Run, Settings
 from percept.results import IntervalRow, Skipped
 from percept.study.basics import Array, claim_of
@@ -136,15 +135,10 @@ def fitted(
     """Sample a model until its limits meet the scene's tolerance, or find its run in the store."""
     asked = prepared.data.asked
     model = prepared.model
-    contrasts = prepared.contrasts or ()
-    of_users = [one for one in contrasts if one.is_of_users]
-    of_groups = [one for one in contrasts if one.is_of_groups]
     further = []
-    kinds_of_groups: tuple[Kind, ...] = ("mean",)
-    for combined, kinds in ((of_users, asked.kinds), (of_groups, kinds_of_groups)):
-        if combined:
-            places = tuple(one.place for one in combined)
-            further.append(Combinations(places, rows_of(combined), kinds))
+    for contrasts, kinds in prepared.sums:
+        places = tuple(contrast.place for contrast in contrasts)
+        further.append(Combinations(places, rows_of(contrasts), kinds))
     estimands = Limits(model, kinds=asked.kinds, **claim_of(asked), further=further)
     settings = Settings(
         tolerance=asked.tolerance,

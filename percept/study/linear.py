@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +19,11 @@ from percept.results import Skipped
 from percept.scene import Scene
 from percept.sessions.formula import TRIAL_REFERENCE
 from percept.study.basics import Array
-from percept.study.comparisons import Comparison, comparisons, level_means
-from percept.study.conditions import CellKey, covariate_values
+from percept.study.comparisons import Comparison
+from percept.study.conditions import CellKey, in_sds
+from percept.study.contrasts import compared
 from percept.study.data import Data
 from percept.study.responses import Trials, resolution_of
-from percept.study.subject_cells import repeated_cells
 
 #: A setting lies near its reference, but a mean may lie anywhere: priors of locations, in which
 #: means differ, are so many times as wide.
@@ -33,36 +33,18 @@ _LOCATION_PRIORS = ("alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "covariate
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Contrast:
-    """A contrast of one quantity, as weights of a model's locations or of its cells' SDs."""
+    """A comparison of one quantity, as weights of a model's locations or of its cells' SDs."""
 
     parameter: str
     comparison: Comparison
-    of: str  # That of the comparison; "spread" and "precision" for ratios of SDs
     row: Array  # (R,) Weights
     subjects: int  # That it rests on
 
     @property
-    def is_ratio(self) -> bool:
-        """Whether it is a ratio of SDs, and not a combination of locations."""
-        return self.of in ("spread", "precision")
-
-    @property
-    def is_of_users(self) -> bool:
-        """Whether each user has it too, so that it has intervals of all kinds."""
-        return self.comparison.of_users and not self.is_ratio
-
-    @property
-    def is_of_groups(self) -> bool:
-        """Whether it is of different users or a slope, with intervals of the average alone."""
-        return not (self.is_ratio or self.comparison.of_users)
-
-    @property
     def place(self) -> tuple[str, str]:
         """The contrast among the names of limits."""
-        comparison = self.comparison
-        where = comparison.environment or "overall"
-        name = f"{self.parameter}, {comparison.factor}: {comparison.versus}, {where}"
-        return ("contrast", name)
+        made = self.comparison
+        return ("contrast", f"{self.parameter}, {made.factor}: {made.versus}, {made.where}")
 
 
 def rows_of(contrasts: Sequence[Contrast]) -> Array:
@@ -120,84 +102,66 @@ def linear_model(
     scene = data.scene
     if scene.terms or own_trial_sds:
         _refuse_options(scene)
-    statistics, covariate_sds = _reduced(trials, data, own_trial_sds)
+    names = list(data.conditions.covariates)
+    statistics = trials.statistics
+    covariates = None
+    if names:
+        covariates = data.sessions.table.loc[trials.rows, names].astype(float)
+    if names or own_trial_sds:
+        statistics = by_subject(
+            statistics,
+            (trials.response, trials.subject, trials.environment),
+            own_trial_sds=own_trial_sds,
+            covariates=tuple(names),
+            values=None if covariates is None else in_sds(covariates),
+        )
     cells, factors = _cells(statistics, data)
     priors = priors_of(scene, statistics.parameters)
     design = design_of(cells, factors, priors, options_of(scene))
     model = LinearModel(statistics, design, priors, resolution_of(trials, scene))
-    contrasts: list[Contrast | Skipped] = []
-    for p, parameter in enumerate(trials.parameters):
-        for compared in _compared(data, trials, parameter):
-            if isinstance(compared, Skipped):
-                contrasts.append(compared)
-            else:
-                comparison, of = compared
-                contrasts.append(_weighed(model, data, p, comparison, of))
-        contrasts += _slopes(model, data, p, covariate_sds)
+    sds = {} if covariates is None else covariates.std(ddof=0).to_dict()
+    contrasts = [
+        found
+        for p in range(len(trials.parameters))
+        for found in _contrasts(model, data, trials, p, sds)
+    ]
     return model, contrasts
 
 
-def _compared(
-    data: Data, trials: Trials, parameter: str
-) -> Iterator[tuple[Comparison, str] | Skipped]:
-    """Yield what is compared in a quantity's cells, and of what: bias, spread or precision."""
-    factors = data.sessions.factors
-    if factors is None:
-        return
-    conditions = data.conditions
-    cells = _keys(data, trials.environments)
-    label = data.quantities[parameter].label
-    for comparison in comparisons(conditions, factors, cells, label):
-        if isinstance(comparison, Skipped):
-            yield comparison
+def _contrasts(
+    model: LinearModel, data: Data, trials: Trials, p: int, covariate_sds: Mapping[str, float]
+) -> Iterator[Contrast | Skipped]:
+    """Yield what is compared of quantity p, and its slopes on covariates, whose SDs are given."""
+    parameter = trials.parameters[p]
+    keys = _keys(data, model.design.cells.names)
+    present = np.isfinite(model.statistics.cell_means[:, 0])
+    for found in compared(data, trials, parameter):
+        if isinstance(found, Skipped):
+            yield found
             continue
-        yield comparison, comparison.of
-        # Where the spread of subjects' effects is one for all levels, a ratio would be falsely
-        # certain.
-        if comparison.of == "bias" and comparison.factor in conditions.spread:
-            yield comparison, "spread"
-    for *_, mean in level_means(conditions, factors, cells):
-        yield mean, mean.of
-    repeated = repeated_cells(trials, factors)
-    precision = f"precision of {label}"
-    for comparison in comparisons(
-        conditions.precise, factors, repeated, precision, "repeated trials"
-    ):
-        yield comparison if isinstance(comparison, Skipped) else (comparison, "precision")
-
-
-def _slopes(model: LinearModel, data: Data, p: int, covariate_sds: Array) -> Iterator[Contrast]:
-    """Yield the slopes of quantity p on covariates, whose SDs are given."""
-    covariates = model.statistics.covariates
-    environments = model.design.cells.environments
-    for name, covariate_sd in zip(data.conditions.covariates, covariate_sds.tolist(), strict=True):
+        if found.of == "spread" and found.factor not in data.conditions.spread:
+            # The spread of subjects' effects is one for all levels: a ratio would be falsely
+            # certain.
+            continue
+        weights = np.array([found.weights.get(key, 0.0) for key in keys])
+        # Locations are cells quantity by quantity, then slopes of all quantities by covariate.
+        row = np.zeros(model.locations)
+        row[p * len(keys) : (p + 1) * len(keys)] = weights
+        yield Contrast(parameter, found, row, _subjects_behind(found, keys, weights, present))
+    for number, (name, sd) in enumerate(covariate_sds.items(), start=len(keys)):
+        covariates = model.statistics.covariates
         slope = Comparison(
             factor=name,
             first="the same",
             second="1 decade more" if name == TRIAL_REFERENCE else "1 more",
             of="slope",
             within=covariates is not None and name in covariates.within,
-            references=environments,
-            unit=covariate_sd,
+            references=model.design.cells.environments,
         )
-        yield _weighed(model, data, p, slope, "slope")
-
-
-def _weighed(model: LinearModel, data: Data, p: int, comparison: Comparison, of: str) -> Contrast:
-    """Weigh the locations of quantity p by a comparison, and count its subjects."""
-    keys = _keys(data, model.design.cells.names)
-    quantities = model.statistics.parameters
-    present = np.isfinite(model.statistics.cell_means[:, 0])
-    # Locations are cells quantity by quantity, then slopes of all quantities by covariate.
-    row = np.zeros(model.locations)
-    if of == "slope":
-        covariate = data.conditions.covariates.index(comparison.factor)
-        row[(len(keys) + covariate) * len(quantities) + p] = 1.0
-        return Contrast(quantities[p], comparison, of, row, len(present))
-    weights = comparison.row(keys)
-    row[p * len(keys) : (p + 1) * len(keys)] = weights
-    subjects = _subjects_behind(comparison, keys, weights, present)
-    return Contrast(quantities[p], comparison, of, row, subjects)
+        row = np.zeros(model.locations)
+        # A slope of the model is for one SD of its covariate; this one is for one unit.
+        row[number * len(trials.parameters) + p] = 1.0 / sd
+        yield Contrast(parameter, slope, row, len(present))
 
 
 def _subjects_behind(
@@ -229,27 +193,6 @@ def _refuse_options(scene: Scene) -> None:
         message = f"does not go with factors, groups, covariates or subjects' trial SDs: {why}."
         hint = "Leave it out, or leave out [model] bias and subjects_trial_sd, and [study] factor."
         raise UsageError(message, key=f"model.{key}", value=value, hint=hint)
-
-
-def _reduced(trials: Trials, data: Data, own_trial_sds: bool) -> tuple[Statistics, Array]:
-    """Statistics of the trials with their covariates, and the covariates' SDs."""
-    names = data.conditions.covariates
-    values = None
-    covariate_sds = np.ones(0)
-    if names:
-        table = data.sessions.table.loc[trials.rows]
-        covariate_sds = table[list(names)].astype(float).std(ddof=0).to_numpy()
-        values = covariate_values(table, names)
-    elif not own_trial_sds:
-        return trials.statistics, covariate_sds
-    statistics = by_subject(
-        trials.statistics,
-        (trials.response, trials.subject, trials.environment),
-        own_trial_sds=own_trial_sds,
-        covariates=names,
-        values=values,
-    )
-    return statistics, covariate_sds
 
 
 def _keys(data: Data, cells: Sequence[str]) -> tuple[CellKey, ...]:

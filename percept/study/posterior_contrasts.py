@@ -14,8 +14,8 @@ Shapes: S draws of the scales, a few joint draws for each of them, N in all.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from scipy import special
@@ -47,116 +47,103 @@ def posterior_contrasts(fit: Fit) -> Iterator[ContrastRow | Skipped]:
         what = " and ".join(fit.data.quantities[p].label for p in fit.parameters)
         yield Skipped(f"Bayesian contrasts of {what}", 'they need [model] pooling = "partial"')
         return
-    users = [one for one in fit.contrasts if one.is_of_users]
-    groups = [one for one in fit.contrasts if one.is_of_groups]
-    if users or groups:
-        joint = _joint_draws(fit, [*users, *groups])
-        of_fit = fit.all_moments.of(slice(len(fit.model.cells), None))
-        for kind in fit.data.asked.kinds:
-            yield from _rows(fit, users, kind, of_fit, joint)
-        later = slice(len(users), None)
-        yield from _rows(fit, groups, "mean", of_fit.of(later), joint.of(later))
+    first = len(fit.model.cells)
+    for contrasts, kinds in fit.sums:
+        last = first + len(contrasts)
+        yield from _rows(fit, contrasts, kinds, fit.all_moments.of(slice(first, last)))
+        first = last
     for contrast in fit.contrasts:
-        if contrast.is_ratio:
+        if contrast.comparison.is_ratio:
             yield from _ratio(fit, contrast)
 
 
-class _JointDraws(NamedTuple):
-    """Joint draws of L contrasts."""
-
-    laws: Moments  # (S, L) Of each contrast, given a draw of the scales
-    average_users: Array  # (N, L)
-    next_users: Array  # (N, L)
-
-    def of(self, numbers: slice | list[int]) -> _JointDraws:
-        """Draws of some of the contrasts."""
-        laws = self.laws.of(numbers)
-        return _JointDraws(laws, self.average_users[:, numbers], self.next_users[:, numbers])
-
-    def level_of_single(self, kind: Kind, level: float) -> float:
-        """Level of single limits at which these contrasts all hold with the given level."""
-        mean = self.laws.mean
-        if kind == "user":
-            sd = np.hypot(self.laws.sd, self.laws.population_sd)
-            return level_together(mean, sd, self.next_users, level)
-        return level_together(mean, self.laws.sd, self.average_users, level)
-
-
-def _joint_draws(fit: Fit, contrasts: Sequence[Contrast]) -> _JointDraws:
-    """Draw contrasts jointly."""
-    stride = max(1, len(fit.points) // _LEAST_KEPT)
-    points = fit.points[::stride]
-    weights = rows_of(contrasts)
-    affordable = max(1, _MOST_NUMBERS // max(1, len(weights) * len(points)))
-    repeats = min(affordable, _MOST_REPEATS)
-    rng = generator(fit.data.asked.seed, Stream.CONTRASTS)
-    average_users, next_users = fit.model.draw(points, rng, weights, repeats=repeats)
-    return _JointDraws(fit.model.moments(points, weights), average_users, next_users)
-
-
 def _rows(
-    fit: Fit, contrasts: Sequence[Contrast], kind: Kind, moments: Moments, joint: _JointDraws
+    fit: Fit, contrasts: Sequence[Contrast], kinds: Sequence[Kind], laws: Moments
 ) -> Iterator[ContrastRow]:
-    """Yield the rows of one kind, from the contrasts' moments (S, L) at every draw."""
+    """Yield the rows of L contrasts of locations, from their laws at every draw."""
+    places = [contrast.place for contrast in contrasts]
     found = fit.run.estimates
-    lower, upper = limits_of(found.names, found.value, kind, [one.place for one in contrasts])
-    estimate = moments.mean.mean(axis=0)
-    user_sd = moments.population_sd if kind == "user" else 0.0
-    above = special.ndtr(moments.mean / np.hypot(moments.sd, user_sd)).mean(axis=0)
-    together: dict[int, Array] = {}
-    # Limits of a share hold for one contrast only.
-    for members in [] if kind == "share" else _families(contrasts):
-        level = joint.of(members).level_of_single(kind, fit.data.asked.level)
-        lowers, uppers, _ = Limits(fit.model, level=level).of(kind, moments.of(members))
-        together |= zip(members, np.stack([lowers, uppers], axis=1), strict=True)
-    for i, contrast in enumerate(contrasts):
-        evidence: dict[str, float | None] = {}
-        if kind != "share":
-            evidence["probability_above"] = float(above[i])
-        if kind == "mean" and contrast.is_of_users:
-            d_z = np.median(moments.mean[:, i] / moments.population_sd[:, i])
-            evidence["d_z"] = float(d_z)
-        # A slope of the model is for one SD of its covariate, and a row's for one unit of it:
-        # `unit` is that SD. It is 1 for all other contrasts, and slopes are in no family.
-        ends = np.array([lower[i], upper[i], estimate[i]]) / contrast.comparison.unit
-        yield contrast_row(
-            fit.data,
-            contrast.parameter,
-            contrast.comparison,
-            contrast.of,
-            ends,
-            contrast.subjects,
-            "bayesian",
-            evidence,
-            kind,
-            together.get(i),
-        )
+    estimate = laws.mean.mean(axis=0)
+    limits_together = _limits_together(fit, contrasts, kinds, laws)
+    for kind in kinds:
+        lower, upper = limits_of(found.names, found.value, kind, places)
+        user_sd = laws.population_sd if kind == "user" else 0.0
+        above = special.ndtr(laws.mean / np.hypot(laws.sd, user_sd)).mean(axis=0)
+        for i, contrast in enumerate(contrasts):
+            evidence = {}
+            if kind != "share":
+                evidence["probability_above"] = float(above[i])
+            if kind == "mean" and contrast.comparison.is_of_users:
+                d_z = np.median(laws.mean[:, i] / laws.population_sd[:, i])
+                evidence["d_z"] = float(d_z)
+            yield contrast_row(
+                fit.data,
+                contrast.parameter,
+                contrast.comparison,
+                [lower[i], upper[i], estimate[i]],
+                contrast.subjects,
+                kind=kind,
+                method="bayesian",
+                together=limits_together.get((kind, i)),
+                **evidence,
+            )
+
+
+def _limits_together(
+    fit: Fit, contrasts: Sequence[Contrast], kinds: Sequence[Kind], laws: Moments
+) -> dict[tuple[Kind, int], Array]:
+    """Limits within which all contrasts of a family lie, by kind and number of the contrast."""
+    families = _families(contrasts)
+    if not families:
+        return {}
+    weights = rows_of(contrasts)
+    points = fit.points[:: max(1, len(fit.points) // _LEAST_KEPT)]
+    affordable = max(1, _MOST_NUMBERS // (len(weights) * len(points)))
+    rng = generator(fit.data.asked.seed, Stream.CONTRASTS)
+    repeats = min(affordable, _MOST_REPEATS)
+    average_users, next_users = fit.model.draw(points, rng, weights, repeats=repeats)
+    of_points = fit.model.moments(points, weights)
+    found: dict[tuple[Kind, int], Array] = {}
+    for kind, members in itertools.product(kinds, families):
+        # Limits of a share hold for one contrast only.
+        if kind == "share":
+            continue
+        drawn = of_points.of(members)
+        values, sd = average_users, drawn.sd
+        if kind == "user":
+            values, sd = next_users, np.hypot(drawn.sd, drawn.population_sd)
+        level = level_together(drawn.mean, sd, values[:, members], fit.data.asked.level)
+        lower, upper, _ = Limits(fit.model, level=level).of(kind, laws.of(members))
+        for number, *ends in zip(members, lower, upper, strict=True):
+            found[kind, number] = np.array(ends)
+    return found
 
 
 def _families(contrasts: Sequence[Contrast]) -> list[list[int]]:
-    """Return the indices of each family's contrasts; levels, slopes and lone ones have none."""
+    """Return the numbers of each family's contrasts; levels, slopes and lone ones have none."""
     families: dict[tuple[str, str], list[int]] = {}
-    for index, contrast in enumerate(contrasts):
-        if contrast.of in ("bias", "interaction"):
+    for number, contrast in enumerate(contrasts):
+        if contrast.comparison.of in ("bias", "interaction"):
             term = (contrast.parameter, contrast.comparison.factor)
-            families.setdefault(term, []).append(index)
+            families.setdefault(term, []).append(number)
     return [members for members in families.values() if len(members) > 1]
 
 
 def _ratio(fit: Fit, contrast: Contrast) -> Iterator[ContrastRow | Skipped]:
     """Yield a ratio of SDs, and where its limits miss the tolerance."""
+    comparison = contrast.comparison
     second = np.maximum(contrast.row, 0.0)
     first = np.maximum(-contrast.row, 0.0)
 
     def log_ratio(points: Array) -> Array:
         """Log ratio of SDs between users, or of geometric means of cells' trial SDs, (W,)."""
-        if contrast.of == "spread":
+        if comparison.of == "spread":
             sds = fit.model.user_sds(points, np.stack([second, first]))
             return np.asarray(np.log(sds[:, 0] / sds[:, 1]))
         log_sds = []
-        for model, own in fit.model.split(points):
+        for model, own_points in fit.model.split(points):
             of_locations = np.zeros((len(points), model.locations))
-            scales = model.scales(own)
+            scales = model.scales(own_points)
             if "sigma_e" in scales:
                 _, sd = scales["sigma_e"]
                 of_locations[:, : len(model.cells)] = np.log(sd).reshape(len(points), -1)
@@ -164,15 +151,13 @@ def _ratio(fit: Fit, contrast: Contrast) -> Iterator[ContrastRow | Skipped]:
         return np.asarray(np.hstack(log_sds) @ contrast.row)
 
     data = fit.data
-    comparison = contrast.comparison
     limits = line_limits(fit.model, fit.run, log_ratio, data.asked.level)
     ends = np.exp([limits.lower, limits.upper, limits.median])
     yield contrast_row(
-        data, contrast.parameter, comparison, contrast.of, ends, contrast.subjects, "bayesian", {}
+        data, contrast.parameter, comparison, ends, contrast.subjects, method="bayesian"
     )
     if limits.error > data.asked.tolerance:
         label = data.quantities[contrast.parameter].label
-        where = comparison.environment or "overall"
-        what = f"the tolerance in the {contrast.of} of {label}, {comparison.versus}, {where}"
+        what = f"the tolerance in the {comparison.of} of {label}, {comparison.versus}"
         why = f"the Monte Carlo error of its limits is {limits.error:.2%} of a half-width"
-        yield Skipped(what, why)
+        yield Skipped(f"{what}, {comparison.where}", why)

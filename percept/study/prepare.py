@@ -14,6 +14,7 @@ from percept.inference.model.model import LinearModel, Model, plain_model
 from percept.inference.model.priors import Priors
 from percept.inference.model.product import Product, Unpooled
 from percept.inference.model.statistics import from_summary
+from percept.inference.record import Kind
 from percept.inference.sampling.endpoints import mixture_limits
 from percept.results import Skipped
 from percept.study.basics import Array
@@ -42,6 +43,15 @@ class Prepared:
     trials: Trials | None = None  # None for published limits and without pooling
     skipped: tuple[Skipped, ...] = ()  # Trials and environments that are not in the model
     contrasts: tuple[Contrast, ...] | None = ()  # Of factors and covariates; None without pooling
+
+    @property
+    def sums(self) -> list[tuple[list[Contrast], tuple[Kind, ...]]]:
+        """Contrasts of locations and the kinds of their limits: users' own, then other ones."""
+        sums = [one for one in self.contrasts or () if not one.comparison.is_ratio]
+        of_users = [one for one in sums if one.comparison.is_of_users]
+        of_groups = [one for one in sums if not one.comparison.is_of_users]
+        kinds = self.data.asked.kinds
+        return [found for found in ((of_users, kinds), (of_groups, ("mean",))) if found[0]]
 
 
 def prepare(data: Data, *, apart: bool = False) -> Prepared:

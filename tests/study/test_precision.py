@@ -124,8 +124,8 @@ def test_what_has_no_ratio_is_named():
     what = "contrast of precision of stiffness, right against left, in VE2"
     once = opened(table[table["trial"] == 1])
     assert not precision_of(once)
-    (part,) = [part for part in once.skipped_rows if part.what == "precision of stiffness"]
-    assert part.why == "no subject repeats a trial in a cell"
+    why = {part.what: part.why for part in once.skipped_rows}
+    assert why[what.replace("VE2", "VE1, VE2")] == "there are no repeated trials at all its levels"
     fit = opened(table, **FITTED)
     rows = [row for row in fit.contrast_rows if row.of == "precision"]
     assert [(row.environment, row.method) for row in rows] == [
@@ -150,7 +150,7 @@ def with_pairs():
 def test_probabilities_and_d_z_are_those_of_draws(with_pairs):
     """Of the average and the next user, drawn from the posterior."""
     fit = with_pairs.fit
-    rows = np.array([own.row for own in fit.contrasts if own.is_of_users])
+    rows = np.array([own.row for own in fit.contrasts if own.comparison.is_of_users])
     points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
     averages, users = fit.model.draw(points, np.random.default_rng(1), rows)
     sds = fit.model.user_sds(points, rows)
