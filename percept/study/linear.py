@@ -104,27 +104,23 @@ def linear_model(
         _refuse_options(scene)
     names = list(data.conditions.covariates)
     statistics = trials.statistics
-    covariates = None
-    if names:
-        covariates = data.sessions.table.loc[trials.rows, names].astype(float)
+    covariates = data.sessions.table.loc[trials.rows, names].astype(float)
     if names or own_trial_sds:
         statistics = by_subject(
             statistics,
             (trials.response, trials.subject, trials.environment),
             own_trial_sds=own_trial_sds,
             covariates=tuple(names),
-            values=None if covariates is None else in_sds(covariates),
+            values=in_sds(covariates) if names else None,
         )
     cells, factors = _cells(statistics, data)
     priors = priors_of(scene, statistics.parameters)
     design = design_of(cells, factors, priors, options_of(scene))
     model = LinearModel(statistics, design, priors, resolution_of(trials, scene))
-    sds = {} if covariates is None else covariates.std(ddof=0).to_dict()
-    contrasts = [
-        found
-        for p in range(len(trials.parameters))
-        for found in _contrasts(model, data, trials, p, sds)
-    ]
+    sds = dict(zip(names, covariates.std(ddof=0).tolist(), strict=True))
+    contrasts: list[Contrast | Skipped] = []
+    for p in range(len(trials.parameters)):
+        contrasts += _contrasts(model, data, trials, p, sds)
     return model, contrasts
 
 
