@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import types
@@ -146,13 +145,14 @@ def test_truth_of_a_population() -> None:
     users = Population(
         "lognormal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.diag([0.04, 0.25])
     )
-    rng = np.random.default_rng(1)
-    drawn = users.users(200_000, rng)
-    inside = np.mean((drawn[:, 0] > 90.0) & (drawn[:, 0] < 140.0))
-    assert users.content(0, 90.0, 140.0) == pytest.approx(inside, abs=4 * np.sqrt(0.25 / 200_000))
+    log = stats.norm(np.log(100.0) + 0.1, 0.2)
+    drawn = users.users(20_000, np.random.default_rng(1))
+    assert stats.kstest(np.log(drawn[:, 0]), log.cdf).pvalue > 1e-4
+    inside = log.cdf(np.log(140.0)) - log.cdf(np.log(90.0))
+    assert users.content(0, 90.0, 140.0) == pytest.approx(inside, rel=1e-12)
     assert users.below(0, -1.0) == 0.0
-    error = drawn.std(axis=0) / np.sqrt(200_000)
-    assert np.all(np.abs(users.average("normal") - drawn.mean(axis=0)) < 4 * error)
+    averages = [100.0 * np.exp(0.1 + 0.02), 2.0 * np.exp(0.125)]
+    np.testing.assert_allclose(users.average("normal"), averages, rtol=1e-12)
     np.testing.assert_allclose(users.average("lognormal"), [100.0 * np.exp(0.1), 2.0])
     exact = [
         stats.norm(m, s).expect(np.log, lb=m - 8 * s if m > 8 * s else 1e-9)
@@ -231,20 +231,12 @@ def durations(**changes: object) -> Study:
     return Study(Sessions.from_frame(rows, scene=ReadOptions(quantities=scene.quantities)), scene)
 
 
-@pytest.mark.evidence(reduced=True)
 def test_a_single_quantity_is_simulated_as_two_are() -> None:
-    """The t-interval of normal logarithms covers what it states, whatever the quantity and its
-    unit."""
     plan = plan_like(durations(level=0.9), method="classical")
     assert plan.design.parameters == ("duration",)
     assert plan.design.references.tolist() == [[400.0], [900.0], [2000.0]]
     assert plan.design.trials.tolist() == 6 * [[2, 2, 2]]
-    values = fixed_values(spread=0.5, environments=3, parameters=1)
-    rows = coverage(dataclasses.replace(plan, values=values), 60 if LONG else 20)
-    assert set(rows["claim"]) == {"interval"}
-    for kind in ("mean", "user", "share"):
-        row = found(rows, kind=kind, family="lognormal", joint="marginal")
-        assert abs(row.held - row.stated) < 4 * row.error
+    assert set(coverage(plan, 2)["claim"]) == {"interval"}
 
 
 def test_wrong_plans() -> None:
@@ -254,31 +246,6 @@ def test_wrong_plans() -> None:
         planned(subjects=1)
     with pytest.raises(UsageError, match="at least two studies"):
         coverage(PLAN, 1)
-
-
-@pytest.mark.evidence
-def test_bayesian_coverage_averaged_over_the_prior() -> None:
-    rows = coverage(planned(method="both", tolerance=0.1), 200)
-    for row in rows.itertuples():
-        if (row.method, row.joint, row.claim) == ("bayesian", "marginal", "interval"):
-            assert row.held > row.stated - 4 * row.error
-
-
-@pytest.mark.evidence
-def test_regions_hold_whole_curves_drawn_from_the_prior_and_pointwise_bands_do_not() -> None:
-    judged = coverage(planned(points=40, method="both", tolerance=0.1, seed=2), 200)
-    for kind in ("mean", "user"):
-        whole = {
-            "claim": "boundary throughout",
-            "method": "bayesian",
-            "kind": kind,
-            "joint": "joint",
-        }
-        pointwise = found(judged, shape="pointwise", **whole)
-        assert pointwise.held < 0.9
-        for joint in ("bonferroni", "hotelling"):
-            region = found(judged, shape="envelope", **{**whole, "joint": joint})
-            assert region.held > 0.9 - 4 * region.error
 
 
 def test_fitted_values_need_a_fit() -> None:

@@ -1,8 +1,7 @@
 """The twelve studies, and what is frozen of each: numbers of report.json, and classical curves.
 
-What users see makes them, `percept.Study` and report.json's fields; the paper's rule, of which the
-report keeps one line, is worked out from `percept.haptics`. Files that are not in `datasets/` stand
-in `data/`:
+What users see makes them, `percept.Study` and report.json's fields. Files that are not in
+`datasets/` stand in `data/`:
 
 * `stiffness.csv`, `one_environment.csv` and `three_environments.csv` are subsets of the published
 sessions.
@@ -37,7 +36,6 @@ import percept
 from tests import DATASETS
 from tests.documents import build_document
 from tests.fits import SHARED
-from tests.golden.paper_rule import by_the_paper_s_rule
 
 __all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "as_frozen", "flat", "frozen_part"]
 
@@ -110,9 +108,8 @@ STUDIES = (
 def frozen_part(golden: Golden, classical: Document, document: Document) -> dict[str, Any]:
     """Take what is frozen: of the classical report all, of the scene's own what has an error."""
     study = golden.study(method="classical")
-    rule = by_the_paper_s_rule(study)
     return {
-        "exact": {**flat(classical), **{f"rule {name}": value for name, value in rule.items()}},
+        "exact": flat(classical),
         "curves": _curves(study),
         "endpoints": _endpoints(document),
         "estimates": _estimates(document),

@@ -22,8 +22,6 @@ def frozen(name: str) -> Any:
 
 #: A study of one parameter, one of one environment and one with a factor.
 BAYESIAN = ("one_parameter", "one_environment", "stools")
-#: Studies whose rule of the paper takes seconds.
-SLOW = ("repeats", "table1")
 
 
 def now_of(golden, classical, document):
@@ -33,8 +31,8 @@ def now_of(golden, classical, document):
 @pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("golden", STUDIES, ids=lambda golden: golden.name)
 def test_numbers_are_as_frozen(golden):
-    """`make test` takes the Bayesian numbers of three, and the classical ones of ten."""
-    if golden.name in SLOW and not LONG:
+    """`make test` takes the Bayesian numbers of three, and the classical ones of eleven."""
+    if golden.name == "repeats" and not LONG:
         pytest.skip("takes seconds: run `make evidence`")
     old = frozen(golden.name)
     assert len(old["exact"]) > 30
@@ -60,7 +58,6 @@ def test_what_was_renamed_is_found_under_its_old_name(monkeypatch):
     [
         ("exact", "intervals[VE1 k mean classical normal marginal]", EXACT),
         ("exact", "coupling.eq10_margin", EXACT),
-        ("exact", "rule realism VE1 mean normal marginal envelope effective", EXACT),
         ("exact", "sensitivity.verdicts[VE1 2]", POINTWISE),
         ("curves", "envelope VE1 user lognormal hotelling", EXACT),
         ("curves", "pointwise VE1 user lognormal joint", POINTWISE),

@@ -17,7 +17,7 @@ from percept.sessions import ReadOptions
 from percept.simulate.like import BETWEEN, CORRELATION, simulate_like, write_sessions
 from tests import DATASETS
 from tests.documents import build_document, page_of
-from tests.simulate.conftest import correlations
+from tests.simulate.conftest import correlations, printed_limits
 
 SESSIONS = DATASETS / "hbfd_sessions.csv"
 
@@ -54,7 +54,7 @@ def test_table_1_is_as_printed() -> None:
 
 
 @pytest.mark.parametrize(("environment", "parameter"), PRINTED)
-def test_sessions_give_the_printed_limits(environment: str, parameter: str, printed_limits) -> None:  # type: ignore[no-untyped-def]
+def test_sessions_give_the_printed_limits(environment: str, parameter: str) -> None:
     reference, lower, upper = PRINTED[environment, parameter]
     rows = [row for row in cells(SESSIONS) if row["environment"] == environment]
     assert {row[f"{parameter}_ref"] for row in rows} == {reference}

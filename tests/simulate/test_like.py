@@ -26,7 +26,7 @@ from percept.simulate.like import (
     write_sessions,
 )
 from tests import DATASETS
-from tests.simulate.conftest import correlations
+from tests.simulate.conftest import correlations, printed_limits
 
 TABLE1 = DATASETS / "hbfd_table1.csv"
 PUBLISHED = read_sessions(TABLE1)
@@ -94,7 +94,7 @@ def test_the_command_reads_published_limits_by_a_scene(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(2, 5))
-def test_any_seed_prints_as_table_1(seed: int, printed_limits) -> None:  # type: ignore[no-untyped-def]
+def test_any_seed_prints_as_table_1(seed: int) -> None:
     sessions = simulate_like(PUBLISHED, seed=seed)
     assert (sessions[["k_adj", "b_adj"]] > 0).all(axis=None)
     for row in pd.read_csv(TABLE1, dtype=str).itertuples():

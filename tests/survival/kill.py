@@ -1,7 +1,5 @@
 """Kill commands at random moments, take them up again, and compare with runs nobody stopped.
 
-    python -m tests.survival.kill --kills 200
-
 Every job is a real command in a process group of its own that is ended by SIGKILL after a random
 share of the time it takes. After every kill no file may be torn; when a job has been killed its
 share of times it is left to finish, and its files must be those of the uninterrupted run, byte for
@@ -10,8 +8,6 @@ byte.
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import hashlib
 import io
 import json
@@ -21,9 +17,7 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -45,25 +39,6 @@ points = 5
 tolerance = 0.3
 kinds = ["mean", "user"]
 """
-
-
-@dataclasses.dataclass
-class Tally:
-    """What happened to one job.
-
-    Attributes
-    ----------
-    kills : int
-        Processes ended by SIGKILL while they ran.
-    early : int
-        Of the moments drawn, how many came when the process had already ended.
-    finished : int
-        Runs left to finish and compared.
-    """
-
-    kills: int = 0
-    early: int = 0
-    finished: int = 0
 
 
 class Survival:
@@ -123,26 +98,11 @@ class Survival:
             raise AssertionError(f"{job} ended with {process.returncode}: {errors.decode()}")
         return time.monotonic() - started
 
-    def run(
-        self, job: str, kills: int, *, kills_per_run: int = 4, told: Callable[[str], None] = print
-    ) -> Tally:
+    def run(self, job: str, kills: int, *, kills_per_run: int = 4) -> int:
         """Kill a job at random moments, and compare what it leaves when taken up again.
 
-        Parameters
-        ----------
-        job : str
-            Of `JOBS`.
-        kills : int
-            How often.
-        kills_per_run : int
-            Of them, how many before a run is left to finish in the folder the killed ones wrote
-            into.
-        told : callable
-            Told the state after every run.
-
-        Returns
-        -------
-        Tally
+        Every so many kills a run is left to finish in the folder that the killed ones wrote into.
+        Returns how many runs were compared.
 
         Raises
         ------
@@ -152,17 +112,15 @@ class Survival:
         whole = self.folder / f"{job}-whole"
         takes = self.finish(job, whole)
         wanted = contents(whole)
-        tally = Tally()
-        while tally.kills < kills:
-            out = self.folder / f"{job}-{tally.finished}"
-            for _ in range(min(kills_per_run, kills - tally.kills)):
-                if self._kill(job, out, takes * self._moment()):
-                    tally.kills += 1
-                else:
-                    tally.early += 1
+        killed = 0
+        finished = 0
+        while killed < kills:
+            out = self.folder / f"{job}-{finished}"
+            for _ in range(min(kills_per_run, kills - killed)):
+                killed += self._kill(job, out, takes * self._moment())
                 self._check_whole(out)
             self.finish(job, out)
-            tally.finished += 1
+            finished += 1
             self._check_whole(out)
             found = contents(out)
             if found != wanted:
@@ -170,10 +128,9 @@ class Survival:
                     k for k in wanted.keys() | found.keys() if wanted.get(k) != found.get(k)
                 )
                 raise AssertionError(f"{job}: other bytes after kills in {different}")
-            told(f"{job}: {tally.kills} of {kills} kills, {tally.finished} runs compared")
             shutil.rmtree(out)
             shutil.rmtree(out.with_name(f"{out.name}-cache"), ignore_errors=True)
-        return tally
+        return finished
 
     def _kill(self, job: str, out: Path, seconds: float) -> bool:
         process = self.start(job, out)
@@ -260,27 +217,3 @@ def _study(seed: int) -> str:
         k, b = 1000 * np.exp(rng.normal(0, 0.15)), 5 * np.exp(rng.normal(0, 0.2))
         rows.append(f"S{subject},VE1,1000,5,{k:.6g},{b:.6g}\n")
     return _HEADER + "".join(rows)
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Kill as often as asked, in equal shares of the jobs, and print what was compared."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--kills", type=int, default=200, metavar="N", help="in all (200)")
-    parser.add_argument("--jobs", nargs="+", choices=JOBS, default=JOBS, help="which (all)")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the moments (1)")
-    asked = parser.parse_args(arguments)
-    share = -(-asked.kills // len(asked.jobs))
-    with tempfile.TemporaryDirectory(prefix="percept-survival-") as root:
-        survival = Survival(Path(root), seed=asked.seed)
-        for job in asked.jobs:
-            tally = survival.run(job, share, told=lambda line: print(line, flush=True))
-            print(
-                f"{job}: {dataclasses.asdict(tally)}, every file whole, every run as uninterrupted",
-                flush=True,
-            )
-
-
-if __name__ == "__main__":
-    main()

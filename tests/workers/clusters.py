@@ -24,15 +24,15 @@ _UNBUFFERED = {**os.environ, "PYTHONUNBUFFERED": "1"}
 
 
 @contextlib.contextmanager
-def in_threads(*, processes=False):
-    """Client of a dask cluster in this process, or in processes: two workers of one thread."""
+def in_threads():
+    """Client of a dask cluster in this process: two workers of one thread."""
     import distributed
 
     with (
         distributed.LocalCluster(
             n_workers=2,
             threads_per_worker=1,
-            processes=processes,
+            processes=False,
             dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
         ) as cluster,

@@ -1,10 +1,7 @@
 """Jobs on dask: threads here, processes here that die, and a scheduler that is lost."""
 
-import os
 import re
-import signal
 import threading
-import time
 import types
 from pathlib import Path
 
@@ -43,15 +40,6 @@ def test_no_more_than_two_arguments_per_thread_are_taken_ahead():
     assert most == 4
 
 
-def dies(path):
-    """End the worker by force as often as the file of that name has characters left."""
-    lives = Path(path).read_text()
-    if lives:
-        Path(path).write_text(lives[1:])
-        os.kill(os.getpid(), signal.SIGKILL)
-    return "alive"
-
-
 def given_up(path):
     """Raise what dask does when several workers died with a job, as often as the file has
     characters."""
@@ -73,44 +61,6 @@ def test_what_dask_gives_up_is_tried_once_more_by_itself_at_the_end(tmp_path):
     assert next(iter(results)) == "never"
     assert isinstance(results.pop("culprit"), distributed.KilledWorker)
     assert results == {"never": "alive", "waited": "alive"}
-
-
-@pytest.mark.evidence
-def test_workers_that_die_cost_no_result_and_one_that_always_dies_only_its_own(tmp_path):
-    from dask import config
-
-    lives = {"once": "x", "always": 9 * "x", **{f"never {i}": "" for i in range(6)}}
-    for name, left in lives.items():
-        (tmp_path / name).write_text(left)
-    with (
-        config.set({"distributed.scheduler.allowed-failures": 1}),
-        in_threads(processes=True) as client,
-    ):
-        found = {
-            Path(path).name: result
-            for path, result in on_cluster(client)(dies, [str(tmp_path / name) for name in lives])
-        }
-    assert isinstance(found.pop("always"), distributed.KilledWorker)
-    assert found == dict.fromkeys(lives.keys() - {"always"}, "alive")
-
-
-def worker_of(seconds):
-    """Take a while and say which process it was."""
-    time.sleep(seconds)
-    return os.getpid()
-
-
-@pytest.mark.evidence
-def test_a_worker_lost_with_what_it_had_finished_costs_no_result():
-    """While one result is looked at the others are finished; then a worker that holds one dies."""
-    with in_threads(processes=True) as client:
-        results = on_cluster(client)(worker_of, [0.0, 0.1, 0.2, 0.3])
-        first, worker = next(results)
-        time.sleep(1.0)
-        os.kill(worker, signal.SIGKILL)
-        rest = dict(results)
-    assert {first, *rest} == {0.0, 0.1, 0.2, 0.3}
-    assert all(isinstance(result, int) for result in rest.values())
 
 
 def fails_once(path):

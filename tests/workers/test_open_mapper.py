@@ -45,21 +45,6 @@ def opened(*words):
     )
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--workers", "0"], r"--workers = 0: must be at least 1"),
-        (
-            ["--workers", "1", "--scheduler", "tcp://127.0.0.1:1"],
-            "a scheduler has workers of its own. Give --workers or --scheduler",
-        ),
-    ],
-)
-def test_wrong_usage(words, message):
-    with pytest.raises(UsageError, match=message):
-        opened(*words).__enter__()
-
-
 def test_without_dask_a_scheduler_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(

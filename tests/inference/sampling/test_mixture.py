@@ -48,25 +48,32 @@ def weighted_root(function, weights, low, high):
     return optimize.brentq(lambda x: weights @ function(x), low, high, xtol=1e-14, rtol=1e-14)
 
 
+def assert_derivatives(influence, limits):
+    """Compare influences (S, ...) with changes of limits where a draw weighs a little more."""
+    count = len(influence)
+    step = 1e-4
+    for s in (0, 6, 13):
+        ends = []
+        for change in (step, -step):
+            weights = np.full(count, (1 - change) / count)
+            weights[s] += change
+            ends.append(limits(weights))
+        derivative = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(influence[s], derivative, atol=1e-4 * np.abs(influence).max())
+
+
 @pytest.mark.parametrize("upper", [True, False])
 def test_influence_is_the_derivative_in_a_draw_s_weight(upper):
     rng = np.random.default_rng(4)
     mean, sd = rng.normal(size=30), np.exp(0.5 * rng.normal(size=30))
     influence = mixture_quantile(mean[:, None], sd[:, None], 0.005, upper=upper)[1][:, 0]
     assert abs(influence.mean()) < 1e-12
-    step = 1e-4
     below = 0.995 if upper else 0.005
 
     def root(weights):
         return weighted_root(lambda x: special.ndtr((x - mean) / sd) - below, weights, -20, 20)
 
-    for s in (0, 7, 19):
-        ends = []
-        for change in (step, -step):
-            weights = np.full(30, (1 - change) / 30)
-            weights[s] += change
-            ends.append(root(weights))
-        assert abs((ends[0] - ends[1]) / (2 * step) - influence[s]) < 1e-5 * np.abs(influence).max()
+    assert_derivatives(influence, root)
 
 
 def exact_content(h, centre, mean, sd, spread, share):
@@ -130,15 +137,7 @@ def test_share_influence_is_the_derivative_in_a_draw_s_weight():
         h = weighted_root(lambda h: held(h) - 0.95, weights, 0.5, 40.0)
         return np.array([centre[0] - h, centre[0] + h])
 
-    step = 1e-4
-    for s in (0, 6, 13):
-        ends = []
-        for change in (step, -step):
-            weights = np.full(20, (1 - change) / 20)
-            weights[s] += change
-            ends.append(limits(weights))
-        derivative = (ends[0] - ends[1]) / (2 * step)
-        np.testing.assert_allclose(influence[s], derivative, atol=1e-4 * np.abs(influence).max())
+    assert_derivatives(influence, limits)
 
 
 def test_settings_refuse_what_makes_no_sense():
