@@ -166,7 +166,7 @@ def _report_again(arguments: argparse.Namespace) -> int:
 
 
 def _is_line_alone(arguments: argparse.Namespace) -> bool:
-    """Say whether the answer in a line is all that is wanted: no page is written then."""
+    """Say whether only the one-line answer is wanted; no page is written then."""
     return arguments.short and arguments.out is None and not arguments.open
 
 

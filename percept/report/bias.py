@@ -68,9 +68,10 @@ def bias(results: Results) -> Section:
 def _intervals(results: Results) -> Section:
     """Return a table of intervals for each quantity, in the study's family."""
     words = results.data.words
+    geometric = " (a geometric mean)" if family_of(results) == "lognormal" else ""
     said = (
-        f"Mean: the average {words.user}. User: the next {words.user}. Share: a stated share of all"
-        f" {words.users}. One does not stand in for another."
+        f"Mean: the average {words.user}{geometric}. User: the next {words.user}. Share: a stated"
+        f" share of all {words.users}. One does not stand in for another."
     )
     rows = unwidened(results.intervals)
     if any(row.left_out for row in rows):

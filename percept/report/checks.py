@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 from percept.errors import capitalised
@@ -40,7 +40,6 @@ from percept.results import (
     Note,
     Results,
     Verdict,
-    plain,
 )
 from percept.scene import Scene
 
@@ -297,14 +296,11 @@ def _provenance(results: Results) -> Iterator[str]:
 
 def _settings(results: Results) -> Table:
     """Return every setting that is not the default."""
-    defaults = plain(Scene().to_dict())
+    scene = Scene(**results.provenance.scene)
+    changed = scene.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
     lines: list[list[Cell]] = []
-    for table, entries in results.provenance.scene.items():
-        usual = defaults.get(table) or {}
-        for key, setting in entries.items() if isinstance(entries, Mapping) else ():
-            is_empty = isinstance(setting, Mapping) and not any(setting.values())
-            if setting and not is_empty and setting != usual.get(key):
-                lines.append([(f"{table}.{key}",), (str(setting),)])
+    for table, entries in changed.items():
+        lines += [[(f"{table}.{key}",), (str(setting),)] for key, setting in entries.items()]
     return Table("The scene, where it differs from the defaults.", ["Key", "Value"], lines)
 
 

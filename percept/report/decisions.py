@@ -151,7 +151,7 @@ def _disagreeing(judged: Sequence[Verdict], results: Results) -> list[str]:
     effects = matching(results.ladder.effects if results.ladder else (), kind="user")
     said = _felt(others, judged, words)
     return [
-        f"That is the Bayesian answer; by the classical one {said}.",
+        f"That is the Bayesian answer. By the weakest classical part, {said}.",
         *cause_sentences(effects, list(others), words.environments),
     ]
 
@@ -271,10 +271,18 @@ def coupling_sentences(results: Results) -> list[str]:
             f"With {percent(design.decision)} {measure}, some couplings make"
             f" {_named(shown, words)} feel real."
         )
+    for row in matching(design.environments, name=None) if len(spans) > 1 else ():
+        which = "both" if len(spans) == 2 else "all of them"
+        if row.softest is not None:
+            sentences.append(f"One of {_coupling(row.softest)} serves {which}.")
+        elif row.outcome == "none":
+            sentences.append(f"No single one serves {which}.")
     absent = [name for name, outcome in outcomes.items() if outcome == "none"]
     unknown = [name for name in outcomes if name not in (*spans, *absent)]
     if absent:
-        sentences.append(f"No coupling serves {_named(absent, words)}.")
+        sentences.append(
+            f"No coupling that can be rendered makes {_named(absent, words)} feel real."
+        )
     if unknown:
         sentences.append(
             f"Whether a coupling makes {_named(unknown, words)} feel real the data do not decide."

@@ -168,8 +168,8 @@ def _by_parts(results: Results) -> Table:
         f"more {words.subjects}": _more,
     }
     caption = (
-        f"Probability or confidence that what is displayed {RENDERED[rows[0].coupled]} lies there"
-        " by parts, at the least favourable ω."
+        f"How sure it is that what is displayed {RENDERED[rows[0].coupled]} lies there, part by"
+        " part, at the least favourable ω."
     )
     if "posterior" in results.provenance.scene.get("device", {}):
         columns["and rendered"] = of("stable_and_real", 3, "percent")
@@ -177,10 +177,11 @@ def _by_parts(results: Results) -> Table:
     if any(row.classical for row in rows):
         refuted = (1.0 - rows[0].decision) / PARTS
         caption += (
-            f" Each classical part decides by itself: all of them at {percent(rows[0].decision)} or"
-            f" more, or one at {percentage(refuted, 2)} or less; {percentage(refuted / 2.0, 2)}"
-            f" where it lies on both sides of the mean {words.user} over ω. |Z_h| is approximate"
-            f" and needs {FEWEST_FOR_PAIR} {words.subjects}."
+            f" The weakest of k, b and |Z_h| decides: {percent(rows[0].decision)} or more is real,"
+            f" {percentage(refuted, 2)} or less is not ({percentage(refuted / 2.0, 2)} where it"
+            f" lies on both sides of the mean {words.user} over ω). “All parts” at once are less"
+            f" sure, and decide nothing. |Z_h| is approximate and needs {FEWEST_FOR_PAIR}"
+            f" {words.subjects}."
         )
     needed = [row.more for row in rows if row.more]
     if needed:
@@ -236,7 +237,7 @@ def _couplings(results: Results) -> Section:
     for row in design.environments:
         for side, end in (("softest", row.softest), ("stiffest", row.stiffest)):
             if end is not None:
-                ends.append(_End(row.name or "all together", side, end))
+                ends.append(_End(row.name or "together", side, end))
     columns: Columns = {
         capitalised(words.environment): of("name"),
         "Coupling": of("side"),

@@ -182,7 +182,8 @@ def _caption(results: Results, bias: Bias) -> str:
     what = f"Bias of the average {words.user}"
     if bias.style == "plain":
         what = f"Mean of all {words.users}"
-    method = f"{percent(row.level)}, {METHOD_NAMES[row.method]}, {row.family}"
+    family = f"{row.family}: geometric means" if row.family == "lognormal" else row.family
+    method = f"{percent(row.level)}, {METHOD_NAMES[row.method]}, {family}"
     said = f"{what}, with its interval ({method})."
     if results.verdicts:
         verdict = results.verdicts[0]

@@ -371,7 +371,7 @@ class ConfirmedCoupling(NotebookRecord):
 
     stiffness: float  # k_c, N/m
     damping: float  # b_c, N·s/m
-    probability: float  # That it feels real; of all together, where it is least probable
+    probability: float  # That it feels real; of several at once, where it is least probable
     error: float  # Its Monte Carlo standard error
     draws: int
     #: What a coupling beyond breaks first: stability, or the less probable of two parts. At the end
@@ -381,9 +381,10 @@ class ConfirmedCoupling(NotebookRecord):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class EnvironmentCouplings:
-    """How probably stable couplings feel real in one environment, or in all together."""
+    """How probably stable couplings feel real in one environment, or in several at once."""
 
-    name: str | None  # None for all together: the smallest of the environments' probabilities
+    #: None for all that some coupling may serve: the smallest of their probabilities
+    name: str | None
     damping: Array  # (B,) b_c of each line, N·s/m
     stiffness: Array  # (B, K) k_c on each line of damping, N/m
     probability: Array  # (B, K) Zero where a coupling is not stable in time

@@ -98,16 +98,18 @@ def no_coupling_map(setup: Setup, whose: MapUsers) -> Skipped | None:
 
 
 def coupling_map(setup: Setup, whose: MapUsers, scene: Scene) -> AdmissibleCouplings | None:
-    """Map the probability that stable couplings feel real, per environment and for all together.
+    """Map how probably stable couplings feel real, per environment and for several at once.
 
-    None where `no_coupling_map` says why. "All together" has the smallest probability.
+    None where `no_coupling_map` says why. Several at once are those that some coupling may serve:
+    the smallest of their probabilities.
     """
     if no_coupling_map(setup, whose) is not None:
         return None
     judges = [_Judge(setup, name, users, scene) for name, users in whose.draws.items()]
     maps = [_map_of(judge.name, [judge]) for judge in judges]
-    if len(judges) > 1:
-        maps.append(_map_of(None, judges))
+    hopeful = [judge for judge, its in zip(judges, maps, strict=True) if its.outcome != "none"]
+    if len(hopeful) > 1:
+        maps.append(_map_of(None, hopeful))
     return AdmissibleCouplings(
         method=whose.method,
         family=scene.inference.family,

@@ -216,7 +216,7 @@ def test_the_thresholds_of_classical_verdicts_are_those_that_judge(both):
         row["decision"] = 0.9
     text = " ".join("".join(Reader(page_of(document)).text).split())
     assert (
-        "all of them at 90 % or more, or one at 3.3 % or less; 1.7 % where it lies on both sides"
+        "decides: 90 % or more is real, 3.3 % or less is not (1.7 % where it lies on both sides"
         in text
     )
     assert "is approximate and needs 3 subjects" in text
@@ -235,14 +235,14 @@ def test_sections_stand_in_reading_order(both):
     ]  # fmt: skip
 
 
-def test_tables_of_one_row_are_sentences(both):
+def test_tables_of_one_row_are_pairs_of_head_and_value(both):
     document = copy.deepcopy(both)
     document["summary"] = None
     document["rendering"] = document["rendering"][:1]
     page = page_of(document)
-    said = page[page.index("the damping that a rigid device needs") :].partition("</p>")[0]
+    said = page[page.index("the damping that a rigid device needs") :].partition("</dl>")[0]
     assert "<table" not in said
-    assert "Directly: yes; needs (N·s/m): " in said
+    assert "<dt>Directly</dt><dd>yes</dd></div><div><dt>needs (N·s/m)</dt>" in said
     assert f'<data value="{document["rendering"][0]["margin"]}">' in said
 
 

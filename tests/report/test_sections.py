@@ -36,27 +36,32 @@ def test_couplings_that_feel_real_are_named_with_their_span(both):
         both["design"]["environments"][0] | {"name": name} | absent
         for name in ("VE1", "VE2", "VE3", "VE4", None)
     ]
-    assert said_of(changed) == ["No coupling serves VE1, VE2, VE3 and VE4."]
+    assert said_of(changed) == [
+        "No coupling that can be rendered makes VE1, VE2, VE3 and VE4 feel real."
+    ]
     environments[1] |= {"stiffest": END, "softest": END | {"stiffness": 700.0}, "outcome": "some"}
     environments[2] |= {"outcome": "undecided"}
     said = said_of(changed)
     assert said == [
         "With 95 % probability, some couplings make VE2 (from 0.7 kN/m with 2 N·s/m to 9 kN/m with"
         " 2 N·s/m) feel real.",
-        "No coupling serves VE1 and VE4.",
+        "No coupling that can be rendered makes VE1 and VE4 feel real.",
         "Whether a coupling makes VE3 feel real the data do not decide.",
     ]
     sentences = findings(as_results(changed)).sentences
     assert sentences[1] == " ".join(said)
     environments[0] |= {"stiffest": END | {"bound": "map"}, "softest": END, "outcome": "some"}
-    assert said_of(changed)[0].endswith(
+    said = said_of(changed)
+    assert said[0].endswith(
         " make VE1 (from 9 kN/m with 2 N·s/m to a rigid one) and VE2 (from 0.7 kN/m with 2 N·s/m to"
         " 9 kN/m with 2 N·s/m) feel real."
     )
+    assert said[1] == "No single one serves both."
     for row in environments:
         row |= {"stiffest": END, "softest": END, "outcome": "some"}
     assert said_of(changed) == [
-        "With 95 % probability, some couplings make VE1, VE2, VE3 and VE4 feel real."
+        "With 95 % probability, some couplings make VE1, VE2, VE3 and VE4 feel real.",
+        "One of 9 kN/m with 2 N·s/m serves all of them.",
     ]
     changed["design"] = None
     assert said_of(changed) == []

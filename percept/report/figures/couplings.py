@@ -113,7 +113,7 @@ def design_drawings(results: Results) -> list[Drawing]:
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(regions), columns=columns)
-        titles = shortened([region.name or "all together" for region in regions], _TITLE)
+        titles = shortened([region.name or "together" for region in regions], _TITLE)
         for index, (ax, region) in enumerate(zip(axes, regions, strict=True)):
             draw_couplings(ax, region, decision=design.decision, used=used)
             ax.set_title(titles[index])
