@@ -1,12 +1,17 @@
-"""What all of a report is made with: records found, and numbers and names written."""
+"""What all of a report is made with: records found, numbers written, sections and their tables.
+
+A table is defined once. The page, LaTeX and Word show its cells; CSV has the records it is made of.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Any, TypeVar
+from itertools import product
+from operator import attrgetter
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 from percept.results import IntervalRow, Results
 from percept.sessions.quantities import IMPEDANCE
@@ -83,22 +88,16 @@ def unwidened(records: Iterable[R]) -> list[R]:
 
 def present(names: Iterable[str], records: Iterable[Any], field: str) -> list[str]:
     """Return the names that some record has, in their order."""
-    found = {getattr(record, field) for record in records}
+    found = distinct(records, field)
     return [name for name in names if name in found]
 
 
-def first(records: Iterable[R], **preferred: Sequence[object]) -> R | None:
+def first(records: Sequence[R], **preferred: Sequence[object]) -> R | None:
     """Return the record that stands highest in every preference, earlier fields weighing more."""
-
-    def ranks(record: R) -> list[int]:
-        return [values.index(getattr(record, name)) for name, values in preferred.items()]
-
-    accepted = [
-        record
-        for record in records
-        if all(getattr(record, name) in values for name, values in preferred.items())
-    ]
-    return min(accepted, key=ranks, default=None)
+    for values in product(*preferred.values()):
+        for record in matching(records, **dict(zip(preferred, values, strict=True))):
+            return record
+    return None
 
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -148,6 +147,11 @@ def is_known(lower: float, upper: float) -> bool:
     return not 0.0 < _UNKNOWN * lower < upper
 
 
+def bracketed(unit: str) -> str:
+    """Write a unit behind what it is of; nothing for a pure number."""
+    return f" ({unit})" if unit else ""
+
+
 def percentage(value: float, digits: int = 3) -> str:
     """Write a fraction as a percentage, "< 0.1 %" where it is less."""
     if 0 < abs(value) < 0.001:
@@ -188,17 +192,16 @@ def written(value: float | None, digits: int = 5, style: str = "plain") -> str:
     return sign + short(value, digits)
 
 
-def digits_of(value: float | None, lower: float | None, upper: float | None) -> int:
+def digits_of(record: Any, least: int = 2) -> int:
     """Return the digits worth reading: to about a hundredth of an interval's half-width."""
-    limits = [limit for limit in (lower, upper) if limit is not None]
-    width = max(limits, default=0.0) - min(limits, default=0.0)
-    size = abs(value) if value is not None else 0.0
+    width = record.upper - record.lower
+    size = abs(record.estimate)
     if not (0.0 < width < math.inf and 0.0 < size < math.inf):
         return 4
-    return min(max(math.ceil(math.log10(size / (0.005 * width))), 2), 6)
+    return min(max(math.ceil(math.log10(size / (0.005 * width))), least), 6)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Estimated:
     """An estimate and its limits as sentences have them: with digits and unit alike."""
 
@@ -211,7 +214,7 @@ class Estimated:
 
     def text(self, number: float, style: str = "") -> str:
         """Write a number with its unit."""
-        digits = max(digits_of(self.estimate, self.lower, self.upper), self.least_digits)
+        digits = digits_of(self, self.least_digits)
         text = written(number, digits, style or self.style).replace("\u202f", " ")
         return f"{text} {self.unit}".rstrip()
 
@@ -248,3 +251,147 @@ def spanned(sizes: Sequence[float], texts: Sequence[str]) -> str:
         return listed(texts)
     by_size = [text for _, text in sorted(zip(sizes, texts, strict=True))]
     return f"{by_size[0]} to {by_size[-1]}"
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number, and how it is shown."""
+
+    exact: float
+    digits: int = 5
+    style: str = "plain"
+
+    @property
+    def text(self) -> str:
+        """The number as a reader sees it."""
+        return written(self.exact, self.digits, self.style)
+
+
+#: A cell of a table: texts and numbers, one after the other.
+Cell: TypeAlias = tuple[str | Value, ...]
+NOTHING: Cell = ("–",)
+#: What makes the cells of a table, by head.
+Columns: TypeAlias = dict[str, Callable[[Any], Cell | str]]
+
+
+class Table(NamedTuple):
+    """A table; without rows it does not appear."""
+
+    caption: str = ""
+    heads: Sequence[str] = ()
+    rows: Sequence[Sequence[Cell]] = ()
+    name: str = ""  # Of its LaTeX and Word; empty for a table that has none
+    csv: str = ""  # Name of the file with every digit, and with what the table leaves out
+
+
+class Plot(NamedTuple):
+    """A figure that is drawn."""
+
+    title: str  # What it shows, in a few words
+    description: str  # What a reader who cannot see it should know
+    svg: str  # ``<svg>`` element for a page
+    formats: tuple[str, ...]  # Of the files written
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page; without sentences, tables, figures and parts it does not appear."""
+
+    name: str  # Its id on the page
+    title: str = ""
+    sentences: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    figures: Sequence[str] = ()  # Names of drawings
+    parts: Sequence[Section] = ()
+    form: Literal["text", "list", "warning", "paste", "curves"] = "text"
+    is_folded: bool = False
+
+    @property
+    def filled(self) -> bool:
+        """Whether there is anything to show."""
+        return bool(
+            any(self.sentences)
+            or any(table.rows for table in self.tables)
+            or self.figures
+            or any(part.filled for part in self.parts)
+        )
+
+
+def value(exact: float | None, digits: int = 5, style: str = "plain") -> Cell:
+    """Return the cell of a number."""
+    return NOTHING if exact is None else (Value(exact, digits, style),)
+
+
+def of(path: str, digits: int = 5, style: str = "plain") -> Callable[[Any], Cell | str]:
+    """Return what makes the cell of a record's number, or of its text."""
+
+    def cell(record: object) -> Cell | str:
+        found: Any = record
+        for name in path.split("."):
+            found = found[int(name)] if name.isdigit() else getattr(found, name, None)
+        return found if isinstance(found, str) else value(found, digits, style)
+
+    return cell
+
+
+def plus_minus(path: str, error: str, digits: int = 3, style: str = "percent") -> Any:
+    """Return what makes the cell of a number and its Monte Carlo error; of none, without it."""
+    number = of(path, digits, style)
+    its_error = of(error, 2, style)
+
+    def cell(record: object) -> Cell | str:
+        shown = its_error(record)
+        has_error = isinstance(shown[0], Value) and shown[0].exact
+        return (*number(record), " ± ", *shown) if has_error else number(record)
+
+    return cell
+
+
+def limits(record: Any, style: str = "plain", least: int = 2) -> Cell:
+    """Return the cell of a record's two limits."""
+    if not is_known(record.lower, record.upper):
+        return ("not known",)
+    digits = digits_of(record, least)
+    return (*value(record.lower, digits, style), " to ", *value(record.upper, digits, style))
+
+
+def estimate(record: Any, style: str = "plain", least: int = 2) -> Cell:
+    """Return the cell of a record's estimate, its limits in brackets."""
+    middle = value(record.estimate, digits_of(record, least), style)
+    return (*middle, " (", *limits(record, style, least), ")")
+
+
+def table_of(caption: str, rows: Iterable[Any], columns: Columns, **names: str) -> Table:
+    """Return a table with a row for each record or name; columns of dashes do not appear."""
+    rows = list(rows)
+    cells = {head: [column(row) for row in rows] for head, column in columns.items()}
+    heads = [head for head, found in cells.items() if any(cell != NOTHING for cell in found)]
+    lines = []
+    for index in range(len(rows)):
+        line = [cells[head][index] for head in heads]
+        lines.append([(cell,) if isinstance(cell, str) else cell for cell in line])
+    return Table(caption, heads, lines, **names)
+
+
+def column(
+    records: Sequence[Any], down: str | Sequence[str], cell: Callable[[Any], Cell | str]
+) -> Callable[[Any], Cell | str]:
+    """Return what makes the cell of the record that has a row's name, or names, in some fields."""
+    name_of = attrgetter(*([down] if isinstance(down, str) else down))
+    by_name = {name_of(record): record for record in reversed(records)}
+    return lambda name: cell(by_name[name]) if name in by_name else NOTHING
+
+
+def side_by_side(
+    records: Sequence[Any],
+    down: str | Sequence[str],
+    across: Sequence[str],
+    cell: Callable[[Any], Cell | str],
+) -> Columns:
+    """Return a column for each combination of some fields; rows are the values of others."""
+    columns: Columns = {}
+    for combination in dict.fromkeys(tuple(getattr(r, name) for name in across) for r in records):
+        own = matching(records, **dict(zip(across, combination, strict=True)))
+        head = ", ".join(METHOD_NAMES.get(text, text) for text in combination)
+        columns[head] = column(own, down, cell)
+    return columns

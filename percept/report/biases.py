@@ -14,7 +14,6 @@ from percept.report.basics import (
     MOST_NAMED,
     MOST_SHOWN,
     Estimated,
-    digits_of,
     distinct,
     families_from,
     family_of,
@@ -23,7 +22,6 @@ from percept.report.basics import (
     listed,
     matching,
     present,
-    short,
     unwidened,
 )
 from percept.results import IntervalRow, LadderEffect, Results
@@ -109,11 +107,8 @@ def biases_among(
 
 def _bias(row: IntervalRow, reference: float, style: str) -> Bias:
     numbers = [row.estimate, row.lower, row.upper]
-    off = [one / reference - 1.0 if style == "bias" else one - reference for one in numbers]
     return Bias(
-        estimate=off[0],
-        lower=off[1],
-        upper=off[2],
+        *(one / reference - 1.0 if style == "bias" else one - reference for one in numbers),
         unit="" if style == "bias" else row.unit,
         style=style,
         row=row,
@@ -123,14 +118,8 @@ def _bias(row: IntervalRow, reference: float, style: str) -> Bias:
 
 
 def foremost(results: Results) -> list[str]:
-    """Return the environments that stand open: of many those with the clearest bias."""
-    clarities: dict[str, float] = {}
-    for bias in biases_of(results):
-        clarity = abs(bias.estimate) / (bias.upper - bias.lower or 1.0)
-        name = bias.environment
-        clarities[name] = max(clarity, clarities.get(name, 0.0))
-    clearest = sorted(clarities, key=lambda name: -clarities[name])[:MOST_SHOWN]
-    return [name for name in clarities if name in clearest]
+    """Return the environments that stand open and in figures: of many the first."""
+    return distinct(biases_of(results), "environment")[:MOST_SHOWN]
 
 
 def drawn_said(results: Results) -> str:
@@ -139,10 +128,8 @@ def drawn_said(results: Results) -> str:
     every = len(distinct(results.intervals, "environment"))
     if shown == every:
         return ""
-    return (
-        f"{shown} of {every} {results.data.words.environments} are drawn, those with the clearest"
-        " bias. The tables hold all."
-    )
+    environments = results.data.words.environments
+    return f"The first {shown} of {every} {environments} are drawn; the tables hold all."
 
 
 def bias_sentences(results: Results) -> list[str]:
@@ -154,8 +141,8 @@ def bias_sentences(results: Results) -> list[str]:
         if not biases:
             continue
         row = biases[0].row
-        said = _off(biases, quantity, results)
-        claim = f"{capitalised(said)} ({METHOD_NAMES[row.method]}, {percent(row.level)})."
+        said = capitalised(_off(biases, quantity, results))
+        claim = f"{said} ({METHOD_NAMES[row.method]}, {percent(row.level)})."
         others = biases_of(results, method="classical", family=row.family)
         classical = matching(others, parameter=parameter)
         sentences.append(" ".join([claim, *_disagreements(biases, classical, results)]))
@@ -165,13 +152,12 @@ def bias_sentences(results: Results) -> list[str]:
 def _off(biases: Sequence[Bias], quantity: Quantity, results: Results) -> str:
     """Say to which side of the references users set a quantity, and where; of many, the ends."""
     words = results.data.words
-    did = f"{words.users} {words.verb}"
-    label = quantity.label
     if not quantity.is_matched:
         means = _placed(biases, len(biases), words.environments)
-        return f"mean {label} by {words.environment}: {means}"
-    if all(bias.says_nothing for bias in biases):
-        return f"{label}: these {words.subjects} are too few to say anything"
+        return f"mean {quantity.label} by {words.environment}: {means}"
+    known = matching(biases, says_nothing=False)
+    if not known:
+        return f"{quantity.label}: these {words.subjects} are too few to say anything"
     zero = "the reference" if any(bias.row.reference for bias in biases) else "zero"
     parts = []
     for sign, side in ((1, "above"), (-1, "below")):
@@ -179,16 +165,14 @@ def _off(biases: Sequence[Bias], quantity: Quantity, results: Results) -> str:
         if same:
             where = _placed(same, len(biases), words.environments)
             parts.append(f"{side} {zero} in {where}")
-    did += f" {label}"
-    if parts:
-        return f"{did} {' and '.join(parts)}"
-    if len(biases) == 1:
-        return f"{did} with no clear bias in {biases[0].named}"
-    largest = max(matching(biases, says_nothing=False), key=lambda bias: abs(bias.estimate))
-    return (
-        f"{did} with no clear bias in any of {len(biases)} {words.environments}; the largest is"
-        f" that of {largest.named}"
-    )
+    if not parts:
+        largest = max(known, key=lambda bias: abs(bias.estimate))
+        which = f"in {largest.named}"
+        if len(biases) > 1:
+            every = f"in any of {len(biases)} {words.environments}"
+            which = f"{every}; the largest is that of {largest.named}"
+        parts = [f"with no clear bias {which}"]
+    return f"{words.users} {words.verb} {quantity.label} {' and '.join(parts)}"
 
 
 def _placed(biases: Sequence[Bias], every: int, environments: str) -> str:
@@ -245,39 +229,38 @@ def cause_sentences(
 
 def user_sentences(results: Results) -> list[str]:
     """Say where the next user's settings lie: the narrowest range and the widest."""
-    words = results.data.words
     sentences = []
     every = biases_of(results, "user")
     for parameter, quantity in results.data.quantities.items():
         biases = matching(every, parameter=parameter)
-        if not biases:
-            continue
-        row = biases[0].row
-        sure = "confidence" if row.method == "classical" else "probability"
-        what = f"the next {words.user}’s {quantity.label}"
-        by_width = sorted(
-            matching(biases, says_nothing=False), key=lambda bias: bias.upper - bias.lower
-        )
+        what = f"the next {results.data.words.user}’s {quantity.label}"
+        known = matching(biases, says_nothing=False)
         unknown = distinct(matching(biases, says_nothing=True), "environment")
-        sentence = []
-        if by_width:
-            ends = f"{_range(by_width[0])} in {by_width[0].environment}"
-            if len(by_width) > 1:
-                widest = f"{_range(by_width[-1])} in {by_width[-1].environment}"
-                ends = f"{ends}, the narrowest range, and {widest}, the widest"
-            sentence.append(f"With {percent(row.level)} {sure}, {what} will be {ends}.")
+        said = []
+        if known:
+            known.sort(key=lambda bias: bias.upper - bias.lower)
+            ends = _range(known[0])
+            if len(known) > 1:
+                ends += f", the narrowest range, and {_range(known[-1])}, the widest"
+            row = known[0].row
+            sure = "confidence" if row.method == "classical" else "probability"
+            said.append(f"With {percent(row.level)} {sure}, {what} will be {ends}.")
         if unknown:
             where = listed(unknown, MOST_SHOWN)
-            sentence.append(f"These data do not determine {what} in {where}.")
-        sentences.append(" ".join(sentence))
+            said.append(f"These data do not determine {what} in {where}.")
+        if said:
+            sentences.append(" ".join(said))
     return sentences
 
 
 def _range(bias: Bias) -> str:
-    """Write where the next user's settings lie, against the reference."""
+    """Write where the next user's settings lie against the reference, and in which environment."""
+    text = bias.limits
     if bias.relative:
-        ends = [bias.lower + 1.0, bias.upper + 1.0]
-        text = " to ".join(short(end, digits_of(end, *ends)) for end in ends)
-        return f"{text} times the reference"
-    # From a reference of zero a difference is the value.
-    return f"{bias.limits} off the reference" if bias.row.reference else bias.limits
+        numbers = [1.0 + bias.estimate, 1.0 + bias.lower, 1.0 + bias.upper]
+        times = Estimated(*numbers, unit="times the reference")
+        text = times.limits
+    elif bias.row.reference:
+        # From a reference of zero a difference is the value.
+        text += " off the reference"
+    return f"{text} in {bias.environment}"

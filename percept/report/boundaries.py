@@ -13,32 +13,30 @@ from percept.boundary.band import size_name
 from percept.errors import capitalised
 from percept.report.basics import (
     METHOD_NAMES,
-    distinct,
-    family_of,
-    is_known,
-    matching,
-    percentage,
-    present,
-    short,
-    unwidened,
-)
-from percept.report.biases import drawn_said, foremost
-from percept.report.sections import (
     Cell,
     Columns,
     Section,
     Table,
+    bracketed,
     column,
+    distinct,
+    family_of,
+    is_known,
+    matching,
     of,
+    percentage,
     plus_minus,
+    present,
+    short,
     side_by_side,
     table_of,
+    unwidened,
     value,
 )
+from percept.report.biases import drawn_said, foremost
 from percept.results import (
     BandLaw,
     BandPair,
-    Coefficient,
     Results,
     plain,
     share_curves,
@@ -225,28 +223,24 @@ def _band(results: Results, parameter: str | None) -> Section:
     rows = matching(results.band.rows, **own)
     laws = matching(results.band.laws, **own)
     statements = matching(results.band.statements, **own)
-    size = size_name(parameter)
-    what = "|Z_e|"
-    symbol = "|Z_e|"
-    unit = "N·s/m"
-    if parameter is not None:
-        what = results.data.quantities[parameter].words
-        symbol = "reference"
-        unit = results.data.quantities[parameter].unit
-    in_unit = f" ({unit})" if unit else ""
+    if parameter is None:
+        name, what, symbol, unit = "band", "|Z_e|", "|Z_e|", "N·s/m"
+        at = f" at {results.band.omega:g} rad/s, without the device"
+    else:
+        quantity = results.data.quantities[parameter]
+        name, what, symbol, unit = f"band_{parameter}", quantity.words, "reference", quantity.unit
+        at = ""
+    size = of(size_name(parameter))
     columns: Columns = {
         capitalised(words.environment): str,
-        f"{symbol}{in_unit}": column(rows, "environment", of(size)),
+        symbol + bracketed(unit): column(rows, "environment", size),
     }
-    for field, cell in (("", of("band")), ("relative, ", of("relative", 3, "percent"))):
-        for head, shown in side_by_side(rows, "environment", ("method",), cell).items():
-            columns[field + head] = shown
-    at = "" if parameter else f" at {results.band.omega:g} rad/s, without the device"
-    caption = f"Width of the next {words.user}’s interval of {what}{in_unit}{at}."
-    name = "band" if parameter is None else f"band_{parameter}"
-    likely = {"Statement": str} | side_by_side(
-        statements, "statement", ("method",), of("probability", 3, "percent")
-    )
+    columns |= side_by_side(rows, "environment", ("method",), of("band"))
+    relative = side_by_side(rows, "environment", ("method",), of("relative", 3, "percent"))
+    columns |= {f"relative, {head}": cell for head, cell in relative.items()}
+    caption = f"Width of the next {words.user}’s interval of {what}{bracketed(unit)}{at}."
+    probability = of("probability", 3, "percent")
+    likely = {"Statement": str} | side_by_side(statements, "statement", ("method",), probability)
     likely_caption = "Share of posterior draws, or of bootstrap samples, in which it is true."
     best = max(laws, key=lambda law: (law.method == "bayesian", law.best), default=None)
     return Section(
@@ -286,9 +280,10 @@ def _law_table(laws: Sequence[BandLaw], symbol: str, environment: str) -> Table:
 
     def parameters(law: BandLaw) -> Cell:
         parts: Cell = ()
-        for name, coefficient in law.parameters.items():
+        for name, one in law.parameters.items():
+            ends = (*value(one.lower, 3), " to ", *value(one.upper, 3))
             comma = ", " if parts else ""
-            parts = (*parts, f"{comma}{name} = ", *_coefficient(coefficient))
+            parts = (*parts, f"{comma}{name} = ", *value(one.value, 3), " (", *ends, ")")
         return parts
 
     columns: Columns = {
@@ -303,7 +298,3 @@ def _law_table(laws: Sequence[BandLaw], symbol: str, environment: str) -> Table:
         " out. Ahead: how often the law has the smallest."
     )
     return table_of(caption, laws, columns)
-
-
-def _coefficient(one: Coefficient) -> Cell:
-    return (*value(one.value, 3), " (", *value(one.lower, 3), " to ", *value(one.upper, 3), ")")

@@ -9,30 +9,28 @@ from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.basics import (
     MOST_SHOWN,
-    Estimated,
-    distinct,
-    first,
-    listed,
-    matching,
-    possessive,
-    short,
-)
-from percept.report.biases import foremost
-from percept.report.decisions import RENDERED, judged_verdicts
-from percept.report.overview import misfits
-from percept.report.sections import (
     NOTHING,
     Cell,
     Columns,
+    Estimated,
     Section,
     Table,
     column,
+    distinct,
     estimate,
+    first,
+    listed,
+    matching,
     of,
+    possessive,
+    short,
     side_by_side,
     table_of,
     value,
 )
+from percept.report.biases import foremost
+from percept.report.decisions import RENDERED, judged_verdicts
+from percept.report.overview import misfits
 from percept.results import (
     IntervalWithout,
     LeftOut,

@@ -17,7 +17,14 @@ from percept.report.basics import (
     spanned,
 )
 from percept.report.biases import cause_sentences
-from percept.results import ConfirmedCoupling, Rendered, Results, Verdict, Words
+from percept.results import (
+    AdmissibleCouplings,
+    ConfirmedCoupling,
+    Rendered,
+    Results,
+    Verdict,
+    Words,
+)
 
 #: How an environment is displayed, by whether it is through the coupling.
 RENDERED = {False: "directly", True: "through the coupling"}
@@ -118,10 +125,10 @@ def _rendered_said(results: Results) -> str:
     some = f"only {_named(names, words)}" if names else f"none of {len(rows)} {words.environments}"
     if len(names) == len(rows):
         some = f"all {len(names)} {words.environments}" if len(names) > 1 else names[0]
-    said = f"{some} can be rendered with every hand"
+    said = f"{way}, {some} can be rendered with every hand"
     if unknown:
         said += f"; for {_named(unknown, words)} the device’s table does not tell"
-    return f"{way}, {said}."
+    return f"{said}."
 
 
 def _felt(
@@ -160,31 +167,30 @@ def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
     """Say how many more subjects would decide what the data do not."""
     needed = {verdict.environment: verdict.more for verdict in judged if verdict.more}
     counts = {name: more.subjects for name, more in needed.items() if more.subjects}
-    shown = [f"{float(f'{count:.2g}'):,.0f}" for count in counts.values()]
+    too_many = [name for name in needed if name not in counts]
     sentences = []
     if counts:
-        which = _named(list(counts), words)
-        several = words.subject if set(shown) == {"1"} else words.subjects
+        shown = [f"{float(f'{count:.2g}'):,.0f}" for count in counts.values()]
         numbers = spanned(list(counts.values()), shown)
+        several = words.subject if numbers == "1" else words.subjects
+        which = _named(list(counts), words)
         sentences.append(f"To decide {which}, about {numbers} more {several}.")
-    too_many = [name for name in needed if name not in counts]
     if too_many:
-        most = needed[too_many[0]].most
-        sentences.append(
-            f"{_named(too_many, words)} would take more than {most:,} {words.subjects}."
-        )
+        which = _named(too_many, words)
+        most = f"{needed[too_many[0]].most:,} {words.subjects}"
+        sentences.append(f"{which} would take more than {most}.")
     return sentences
 
 
 def doubtful_rendering(results: Results) -> list[str]:
     """Say what the device renders at its point, and not surely over its posterior."""
-    decisions = {verdict.environment: verdict.decision for verdict in judged_verdicts(results)}
+    rows = {row.environment: row.by_device for row in _rendering(results) if row.by_device}
     open_cases = []
-    for row in _rendering(results):
-        decision = decisions.get(row.environment or "", 0.0)
-        if row.by_device is not None and row.by_device.probability < decision:
-            probability = _probability_said(row.by_device.probability, decision)
-            open_cases.append(f"{row.environment} ({probability})")
+    for verdict in judged_verdicts(results):
+        by_device = rows.get(verdict.environment)
+        if by_device and by_device.probability < verdict.decision:
+            probability = _probability_said(by_device.probability, verdict.decision)
+            open_cases.append(f"{verdict.environment} ({probability})")
     if not open_cases:
         return []
     way = RENDERED[_is_coupled(results)]
@@ -257,12 +263,17 @@ def coupling_sentences(results: Results) -> list[str]:
     if design is None:
         return []
     words = results.data.words
-    outcomes = {row.name: row.outcome for row in design.environments if row.name is not None}
     spans = {}
+    absent = []
+    unknown = []
     for row in design.environments:
-        if row.name is not None and row.softest is not None and row.stiffest is not None:
+        if row.name is None:
+            continue
+        if row.softest and row.stiffest:
             stiffest = "a rigid one" if row.stiffest.bound == "map" else _coupling(row.stiffest)
             spans[row.name] = f"{row.name} (from {_coupling(row.softest)} to {stiffest})"
+        else:
+            (absent if row.outcome == "none" else unknown).append(row.name)
     sentences = []
     if spans:
         measure = "probability" if design.method == "bayesian" else "confidence"
@@ -271,14 +282,8 @@ def coupling_sentences(results: Results) -> list[str]:
             f"With {percent(design.decision)} {measure}, some couplings make"
             f" {_named(shown, words)} feel real."
         )
-    for row in matching(design.environments, name=None) if len(spans) > 1 else ():
-        which = "both" if len(spans) == 2 else "all of them"
-        if row.softest is not None:
-            sentences.append(f"One of {_coupling(row.softest)} serves {which}.")
-        elif row.outcome == "none":
-            sentences.append(f"No single one serves {which}.")
-    absent = [name for name, outcome in outcomes.items() if outcome == "none"]
-    unknown = [name for name in outcomes if name not in (*spans, *absent)]
+    if len(spans) > 1:
+        sentences += _together(design, "both" if len(spans) == 2 else "all of them")
     if absent:
         sentences.append(
             f"No coupling that can be rendered makes {_named(absent, words)} feel real."
@@ -287,6 +292,17 @@ def coupling_sentences(results: Results) -> list[str]:
         sentences.append(
             f"Whether a coupling makes {_named(unknown, words)} feel real the data do not decide."
         )
+    return sentences
+
+
+def _together(design: AdmissibleCouplings, which: str) -> list[str]:
+    """Say whether one coupling serves all that some coupling serves."""
+    sentences = []
+    for row in matching(design.environments, name=None):
+        if row.softest:
+            sentences.append(f"One of {_coupling(row.softest)} serves {which}.")
+        elif row.outcome == "none":
+            sentences.append(f"No single one serves {which}.")
     return sentences
 
 
@@ -303,17 +319,16 @@ def paper_rule(results: Results) -> list[str]:
     rows = matching(memberships, kind="user")
     if not rows:
         return []
-    sentences = []
+    ways = []
     for field, how in (("verdict_uncoupled", "directly"), ("verdict_coupled", RENDERED[True])):
         groups = []
-        for inside in ("inside", "marginal", "outside"):
+        for inside in distinct(rows, field):
             names = distinct(matching(rows, **{field: inside}), "environment")
-            if names:
-                groups.append(f"{inside} {_named(names, words)}")
-        sentences.append(f"{how}, {'; '.join(groups)}")
+            groups.append(f"{inside} {_named(names, words)}")
+        ways.append(f"{how}, {'; '.join(groups)}")
     by = f"{METHOD_NAMES[rows[0].method]}, {rows[0].family}"
     return [
         "The paper’s rule asks another question: whether the curve of |Z_h| stays between the"
         f" curves of a boundary, which few {words.subjects} make wide. By the next {words.user}’s"
-        f" exact envelope ({by}): {'; '.join(sentences)}."
+        f" exact envelope ({by}): {'; '.join(ways)}."
     ]

@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 from percept.boundary.confidence import FEWEST_FOR_PAIR, PARTS
 from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE
 from percept.errors import capitalised
 from percept.inference.record import percent
-from percept.report.basics import METHOD_NAMES, distinct, matching, percentage, short
-from percept.report.decisions import RENDERED, judged_verdicts, paper_rule
-from percept.report.sections import (
+from percept.report.basics import (
+    METHOD_NAMES,
     NOTHING,
     Cell,
     Columns,
     Section,
     Table,
     column,
+    distinct,
+    matching,
     of,
+    percentage,
     plus_minus,
+    short,
     table_of,
     value,
 )
+from percept.report.decisions import RENDERED, judged_verdicts, paper_rule
 from percept.results import (
     ChangedVerdict,
-    ConfirmedCoupling,
     Coupling,
     Results,
     Verdict,
@@ -45,11 +47,7 @@ def display(results: Results) -> Section:
     return Section(
         "display",
         "What the device displays",
-        parts=[
-            _rendering(results),
-            _verdicts(results),
-            _couplings(results),
-        ],
+        parts=[_rendering(results), _verdicts(results), _couplings(results)],
         is_folded=True,
     )
 
@@ -66,13 +64,14 @@ def _rendering(results: Results) -> Section:
         f" 1997). Where it does not, the {words.environment} may chatter, and {words.users} may set"
         " it wrongly."
     ]
-    if results.zwidth and results.zwidth.edge:
+    width = results.zwidth
+    if width and width.edge:
         said = (
-            f"With every hand the device renders springs below"
-            f" {short(results.zwidth.edge.stiffest, 5)} N/m, and softer ones with damping."
+            "With every hand the device renders springs below"
+            f" {short(width.edge.stiffest, 5)} N/m, and softer ones with damping."
         )
-        if results.zwidth.likely:
-            stiffest = short(results.zwidth.likely.stiffest, 5)
+        if width.likely:
+            stiffest = short(width.likely.stiffest, 5)
             said += f" 95 % of the devices of its posterior render up to {stiffest} N/m."
         sentences.append(said)
     columns: Columns = {capitalised(words.environment): lambda name: name or "a rigid wall"}
@@ -95,9 +94,9 @@ def _rendering(results: Results) -> Section:
     )
     if rows[0].by_device:
         caption += f" Probability over {rows[0].by_device.draws} devices of its posterior."
-    names = distinct(rows, "environment")
     if results.coupling:
         sentences.append(_eq10(results.coupling))
+    names = distinct(rows, "environment")
     table = table_of(caption, names, columns, name="rendering", csv="rendering")
     title = "What can be rendered with every hand"
     return Section("rendering", title, sentences, [table], ["stability"])
@@ -105,23 +104,17 @@ def _rendering(results: Results) -> Section:
 
 def centrals(results: Results) -> Table:
     """Return how probably what can be rendered lies in other central ranges."""
+    words = results.data.words
     rows = [row for row in judged_verdicts(results) if row.bayesian]
-    columns: Columns = {capitalised(results.data.words.environment): of("environment")}
+    columns: Columns = {capitalised(words.environment): of("environment")}
     for index, one in enumerate(rows[0].bayesian.by_central if rows and rows[0].bayesian else ()):
         # The verdict's own share stands in the table above.
         if one.central != rows[0].central:
-            columns[f"central {percent(one.central)}"] = _at_central(index)
+            probability = of(f"bayesian.by_central.{index}.probability", 3, "percent")
+            columns[f"central {percent(one.central)}"] = probability
     way = RENDERED[rows[0].coupled] if rows else ""
-    caption = f"The same probability {way}, for other central shares of {results.data.words.users}."
+    caption = f"The same probability {way}, for other central shares of {words.users}."
     return table_of(caption, rows, columns, name="centrals", csv="verdicts")
-
-
-def _at_central(index: int) -> Callable[[Verdict], Cell]:
-    def cell(row: Verdict) -> Cell:
-        probabilities = row.bayesian.by_central if row.bayesian else ()
-        return value(probabilities[index].probability, 3, "percent")
-
-    return cell
 
 
 def _verdicts(results: Results) -> Section:
@@ -185,8 +178,8 @@ def _by_parts(results: Results) -> Table:
         )
     needed = [row.more for row in rows if row.more]
     if needed:
-        sure = f"{needed[0].assurance:g}"
-        caption += f" This many more {words.subjects} would decide, with probability {sure}."
+        sure = f"with probability {needed[0].assurance:g}"
+        caption += f" This many more {words.subjects} would decide, {sure}."
     return table_of(caption, rows, columns, name="verdicts", csv="verdicts")
 
 
@@ -237,14 +230,14 @@ def _couplings(results: Results) -> Section:
     for row in design.environments:
         for side, end in (("softest", row.softest), ("stiffest", row.stiffest)):
             if end is not None:
-                ends.append(_End(row.name or "together", side, end))
+                ends.append((row.name or "together", side, end))
     columns: Columns = {
-        capitalised(words.environment): of("name"),
-        "Coupling": of("side"),
-        "k_c (N/m)": of("coupling.stiffness"),
-        "b_c (N·s/m)": of("coupling.damping", 4),
-        "Probability": plus_minus("coupling.probability", "coupling.error"),
-        "Bounded by": lambda end: _BOUNDS[end.coupling.bound],
+        capitalised(words.environment): of("0"),
+        "Coupling": of("1"),
+        "k_c (N/m)": of("2.stiffness"),
+        "b_c (N·s/m)": of("2.damping", 4),
+        "Probability": plus_minus("2.probability", "2.error"),
+        "Bounded by": lambda row: _BOUNDS[row[2].bound],
     }
     caption = "Softest and stiffest admissible coupling, confirmed at every ω; what fails beyond."
     table = table_of(caption, ends, columns, name="design")
@@ -255,14 +248,6 @@ def _couplings(results: Results) -> Section:
         [table, _other_devices(results)],
         ["design"],
     )
-
-
-class _End(NamedTuple):
-    """An end of the map of couplings."""
-
-    name: str
-    side: str
-    coupling: ConfirmedCoupling
 
 
 def _other_devices(results: Results) -> Table:

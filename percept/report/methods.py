@@ -14,6 +14,7 @@ from percept.errors import capitalised, counted
 from percept.inference.record import percent
 from percept.report.basics import (
     KINDS,
+    Section,
     distinct,
     family_of,
     gives_means,
@@ -26,7 +27,6 @@ from percept.report.basics import (
     present,
     short,
 )
-from percept.report.sections import Section
 from percept.results import Results
 
 _CLASSICAL = {

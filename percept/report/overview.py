@@ -4,25 +4,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 from scipy import special
 
 from percept.errors import capitalised, counted
 from percept.inference.record import percent
+from percept.report.adjustments import contrast_sentences, level_figures
 from percept.report.basics import (
     METHOD_NAMES,
     MOST_SHOWN,
+    NOTHING,
+    Cell,
+    Columns,
+    Section,
+    Table,
     apart,
+    bracketed,
+    column,
     distinct,
+    estimate,
     family_of,
-    first,
     listed,
     matching,
+    of,
     possessive,
     short,
+    table_of,
+    value,
 )
-from percept.report.biases import Bias, bias_sentences, biases_of, foremost, user_sentences
-from percept.report.contrast import contrast_sentences, level_figures
+from percept.report.biases import bias_sentences, biases_of, user_sentences
 from percept.report.decisions import (
     FEELINGS,
     RENDERED,
@@ -34,22 +45,9 @@ from percept.report.decisions import (
 )
 from percept.report.display import centrals
 from percept.report.methods import who_gave_what
-from percept.report.sections import (
-    NOTHING,
-    Cell,
-    Columns,
-    Section,
-    Table,
-    column,
-    estimate,
-    of,
-    table_of,
-    value,
-)
 from percept.results import Findings, IntervalRow, Results
 
 _MOST_SENTENCES = 3
-_MOST_CAUTIONS = 5  # that stand open
 
 
 def findings(results: Results) -> Findings:
@@ -76,8 +74,7 @@ def decide(results: Results) -> list[str]:
         statements += [" ".join(coupling_sentences(results)), device_sentence(results)]
     else:
         statements += setting_sentences(results)
-    told = [statement for statement in statements if statement]
-    return [*overruled(results), *told[:_MOST_SENTENCES]]
+    return [*overruled(results), *list(filter(None, statements))[:_MOST_SENTENCES]]
 
 
 def setting_sentences(results: Results) -> list[str]:
@@ -87,9 +84,8 @@ def setting_sentences(results: Results) -> list[str]:
 
 def summary(results: Results, found: Findings) -> Section:
     """Return the first screen: decisions, the table of environments, cautions and a figure."""
-    shown = foremost(results)
     every = distinct(biases_of(results), "environment")
-    others = [name for name in every if name not in shown]
+    others = every[MOST_SHOWN:]
     gate = results.diagnostics.gate if results.diagnostics else None
     withheld = "The Bayesian numbers are withheld: the sampler did not pass its checks."
     return Section(
@@ -100,7 +96,10 @@ def summary(results: Results, found: Findings) -> Section:
             Section("decisions", "", found.sentences, form="list"),
             Section(
                 "environments",
-                tables=[_environments(results, shown, "overview"), centrals(results)],
+                tables=[
+                    _environments(results, every[:MOST_SHOWN], "overview"),
+                    centrals(results),
+                ],
             ),
             Section(
                 "others",
@@ -108,21 +107,7 @@ def summary(results: Results, found: Findings) -> Section:
                 tables=[_environments(results, others, "overview_other")],
                 is_folded=True,
             ),
-            Section(
-                "cautions",
-                "Before you rely on it",
-                found.cautions[:_MOST_CAUTIONS],
-                parts=[
-                    Section(
-                        "more-cautions",
-                        "More to know",
-                        found.cautions[_MOST_CAUTIONS:],
-                        form="list",
-                        is_folded=True,
-                    )
-                ],
-                form="warning",
-            ),
+            Section("cautions", "Before you rely on it", found.cautions, form="warning"),
             Section("source", "", [who_gave_what(results)], figures=list(level_figures(results))),
         ],
     )
@@ -132,67 +117,57 @@ def _environments(results: Results, names: Sequence[str], name: str) -> Table:
     """Return the table with a row per environment."""
     if not names:
         return Table()
+    words = results.data.words
     biases = biases_of(results)
-    columns: Columns = {capitalised(results.data.words.environment): str}
+    columns: Columns = {capitalised(words.environment): str}
     last: Columns = {}
-    for parameter, quantity in results.data.quantities.items():
+    for parameter in distinct(biases, "parameter"):
+        quantity = results.data.quantities[parameter]
         own = matching(biases, parameter=parameter)
-        if not own:
-            continue
-        unit = f" ({quantity.unit})" if quantity.unit else ""
-        if not quantity.is_matched:
-            last[f"Mean {quantity.symbol}{unit}"] = column(own, "environment", _bias)
-            continue
-        reference = column(own, "environment", of("row.reference", style="short"))
-        columns[f"Reference {quantity.symbol}{unit}"] = reference
-        in_unit = "" if own[0].relative else unit
-        last[f"Bias of {quantity.symbol}{in_unit}"] = column(own, "environment", _bias)
+        head = f"Mean {quantity.symbol}"
+        if quantity.is_matched:
+            head = f"Bias of {quantity.symbol}"
+            reference = column(own, "environment", of("row.reference", style="short"))
+            columns[f"Reference {quantity.symbol}{bracketed(quantity.unit)}"] = reference
+        last[head + bracketed(own[0].unit)] = column(
+            own, "environment", lambda bias: estimate(bias, bias.style)
+        )
     for coupled in distinct(results.rendering or results.verdicts, "coupled"):
         columns[capitalised(RENDERED[coupled])] = _display(results, coupled=coupled)
-    return table_of(_caption(results, biases[0]), names, columns | last, name=name, csv="intervals")
-
-
-def _bias(bias: Bias) -> Cell:
-    """Return the cell of a bias; where nothing was matched, of a mean."""
-    return estimate(bias, bias.style)
+    row = biases[0].row
+    what = f"Bias of the average {words.user}"
+    if biases[0].style == "plain":
+        what = f"Mean of all {words.users}"
+    family = f"{row.family}: geometric means" if row.family == "lognormal" else row.family
+    caption = (
+        f"{what}, with its interval ({percent(row.level)}, {METHOD_NAMES[row.method]}, {family})."
+    )
+    if results.verdicts:
+        verdict = results.verdicts[0]
+        measure = "probability" if verdict.method == "bayesian" else "confidence"
+        caption += (
+            f" Real: with {percent(verdict.decision)} {METHOD_NAMES[verdict.method]} {measure}"
+            f" among the central {percent(verdict.central)} of {words.users} at every ω."
+        )
+    return table_of(caption, names, columns | last, name=name, csv="intervals")
 
 
 def _display(results: Results, *, coupled: bool) -> Callable[[str], Cell]:
     """Return what makes a cell on rendering, and on feeling real of what can be rendered."""
-    verdicts = matching(results.verdicts, coupled=coupled)
+    verdicts = {row.environment: row for row in matching(results.verdicts, coupled=coupled)}
     rendering = matching(results.rendering or (), coupled=coupled)
+    rendered = {row.environment: row.verdict for row in rendering}
 
     def cell(name: str) -> Cell:
-        rendered = first(matching(rendering, environment=name))
-        verdict = first(matching(verdicts, environment=name))
-        if rendered is not None and rendered.verdict != "can":
-            words = {"cannot": "cannot be rendered", "undecided": "rendering not decided"}
-            return (words[rendered.verdict],)
-        if verdict is None:
-            return ("can be rendered",) if rendered else NOTHING
+        words = {"cannot": "cannot be rendered", "undecided": "rendering not decided"}
+        if rendered.get(name) in words:
+            return (words[rendered[name]],)
+        if name not in verdicts:
+            return ("can be rendered",) if name in rendered else NOTHING
+        verdict = verdicts[name]
         return (FEELINGS[verdict.outcome], ", ", *value(verdict.probability, 3, "percent"))
 
     return cell
-
-
-def _caption(results: Results, bias: Bias) -> str:
-    """Say what the columns are."""
-    words = results.data.words
-    row = bias.row
-    what = f"Bias of the average {words.user}"
-    if bias.style == "plain":
-        what = f"Mean of all {words.users}"
-    family = f"{row.family}: geometric means" if row.family == "lognormal" else row.family
-    method = f"{percent(row.level)}, {METHOD_NAMES[row.method]}, {family}"
-    said = f"{what}, with its interval ({method})."
-    if results.verdicts:
-        verdict = results.verdicts[0]
-        measure = "probability" if verdict.method == "bayesian" else "confidence"
-        said += (
-            f" Real: with {percent(verdict.decision)} {METHOD_NAMES[verdict.method]} {measure}"
-            f" among the central {percent(verdict.central)} of {words.users} at every ω."
-        )
-    return said
 
 
 _FEW = 5  # fewer subjects than this are called few
@@ -218,21 +193,21 @@ _WARNINGS = 3  # the summary repeats the reader's first warnings
 
 def cautions(results: Results) -> list[str]:
     """Return the cautions of results, those that change their meaning first."""
-    gate = results.diagnostics.gate if results.diagnostics else None
-    said = list(_left_out_of_the_model(results))
-    said += _other_family(results)
-    if gate and gate.passed and not gate.tolerance_met:
-        said.append(gate.error_reached)
-    said += doubtful_rendering(results)
-    said += doubtful_verdicts(results)
-    said += _pooled(results)
-    said += _widened(results)
-    said += _at_limits(results)
-    said += _few(results)
-    said += _growing(results)
-    said += misfits(results)
-    said += _warnings(results)
-    return said
+    found = (
+        _left_out_of_the_model,
+        _other_family,
+        _tolerance_missed,
+        doubtful_rendering,
+        doubtful_verdicts,
+        _pooled,
+        _widened,
+        _at_limits,
+        _few,
+        _growing,
+        misfits,
+        _warnings,
+    )
+    return [said for cautions_of in found for said in cautions_of(results)]
 
 
 def _left_out_of_the_model(results: Results) -> Iterator[str]:
@@ -259,79 +234,49 @@ def _other_family(results: Results) -> Iterator[str]:
             )
 
 
-def _means(results: Results, parameter: str) -> list[tuple[IntervalRow, IntervalRow]]:
-    """Pair the model's means of a quantity with those of the data, the classical estimates."""
-    rows = matching(results.intervals, parameter=parameter, kind="mean", joint="marginal")
-    rows = matching(rows, family=family_of(results))
-    classical = {row.environment: row for row in matching(rows, method="classical")}
-    return [
-        (row, classical[row.environment])
-        for row in matching(rows, method="bayesian")
-        if row.environment in classical
-    ]
+def _tolerance_missed(results: Results) -> Iterator[str]:
+    """Say which error the sampler reached instead of the tolerance."""
+    gate = results.diagnostics.gate if results.diagnostics else None
+    if gate and gate.passed and not gate.tolerance_met:
+        yield gate.error_reached
 
 
-def _on_scale(row: IntervalRow) -> list[float]:
-    """Return estimate and limits on the family's scale."""
-    numbers = [row.estimate, row.lower, row.upper]
-    return [math.log(one) for one in numbers] if row.family == "lognormal" else numbers
+class _Mean(NamedTuple):
+    """The model's mean of a quantity in an environment against that of the data."""
+
+    row: IntervalRow
+    plain: IntervalRow  # The classical one
+    shift: float  # In half-widths of the classical interval
+    widening: float  # Width over that of the classical interval
 
 
-def _shift(row: IntervalRow, classical: IntervalRow) -> float:
-    """Distance of two estimates in half-widths of the classical interval."""
-    estimate, lower, upper = _on_scale(classical)
-    return 2.0 * abs(_on_scale(row)[0] - estimate) / (upper - lower) if upper > lower else 0.0
+def _means(results: Results) -> Iterator[_Mean]:
+    """Compare means of the model and of the data on the family's scale."""
+    rows = matching(results.intervals, kind="mean", joint="marginal", family=family_of(results))
+    by_cell = {(row.parameter, row.environment): row for row in matching(rows, method="classical")}
+    for row in matching(rows, method="bayesian"):
+        plain = by_cell.get((row.parameter, row.environment))
+        if plain is not None and plain.upper > plain.lower:
+            scale = math.log if row.family == "lognormal" else float
+            width = scale(plain.upper) - scale(plain.lower)
+            shift = 2.0 * abs(scale(row.estimate) - scale(plain.estimate)) / width
+            yield _Mean(row, plain, shift, (scale(row.upper) - scale(row.lower)) / width)
 
 
-def _pooled(results: Results) -> Iterator[str]:
-    """Say where the hierarchical model draws a mean far towards the others."""
-    if overruled(results):
-        return  # Said first
-    for parameter, quantity in results.data.quantities.items():
-        pairs = _means(results, parameter)
-        if len(pairs) < 2:
-            continue
-        row, plain = max(pairs, key=lambda pair: _shift(*pair))
-        if _shift(row, plain) < _PULLED:
-            continue
-        of_model, of_data = apart(row.estimate, plain.estimate)
-        yield (
-            f"The hierarchical model draws {results.data.words.environments} towards each other."
-            f" Its mean {quantity.label} of {row.environment} is"
-            f" {f'{of_model} {plain.unit}'.rstrip()}; that of the data is"
-            f" {f'{of_data} {plain.unit}'.rstrip()}, as in the classical interval."
-        )
-
-
-def _widened(results: Results) -> Iterator[str]:
-    """Say where the prior of the spread makes an interval far wider than the data do."""
-    for parameter, quantity in results.data.quantities.items():
-        pairs = _means(results, parameter)
-        # Of several environments each says what the spread of the others may be.
-        for row, classical in pairs if len(pairs) == 1 else ():
-            _, lower, upper = _on_scale(row)
-            of_model = upper - lower
-            _, lower, upper = _on_scale(classical)
-            of_data = upper - lower
-            if of_model > _WIDENED * of_data > 0.0:
-                yield (
-                    f"The Bayesian interval of {quantity.label} in {row.environment} is"
-                    f" {short(of_model / of_data, 2)} times as wide as the classical one:"
-                    f" {results.data.words.subjects} lie closer together than the prior expects."
-                    " Use the classical interval, or lower log_s_mean in [model.priors]."
-                )
+def _instead(results: Results, mean: _Mean) -> str:
+    """Name a mean, with its value and that of the data."""
+    label = results.data.quantities[mean.row.parameter].label
+    values = " instead of ".join(apart(mean.row.estimate, mean.plain.estimate))
+    return f"{label} of {mean.row.environment} ({f'{values} {mean.row.unit}'.rstrip()})"
 
 
 def overruled(results: Results) -> list[str]:
     """Say where the model's mean lies far from that of the data, by its own standard error."""
     named = []
-    for parameter, quantity in results.data.quantities.items():
-        for row, of_data in _means(results, parameter):
-            half_width = -special.stdtrit(of_data.n - 1.0, 0.5 * (1.0 - of_data.level))
-            if half_width * _shift(row, of_data) > _OVERRULED:
-                instead = " instead of ".join(apart(row.estimate, of_data.estimate))
-                where = f"{quantity.label} of {row.environment}"
-                named.append(f"{where} ({f'{instead} {row.unit}'.rstrip()})")
+    for mean in _means(results):
+        half_width = -special.stdtrit(mean.plain.n - 1.0, 0.5 * (1.0 - mean.plain.level))
+        if half_width * mean.shift > _OVERRULED:
+            named.append(_instead(results, mean))
     if not named:
         return []
     return [
@@ -339,6 +284,32 @@ def overruled(results: Results) -> list[str]:
         f" {possessive(results.data.words.subjects)} mean in {listed(named, MOST_SHOWN)}. Use the"
         " classical interval, or wider [model.priors]."
     ]
+
+
+def _pooled(results: Results) -> Iterator[str]:
+    """Say where the hierarchical model draws a mean far towards the others."""
+    means = list(_means(results))
+    farthest = max(means, key=lambda mean: mean.shift, default=None)
+    # What overrules the data is said first.
+    if farthest and farthest.shift > _PULLED and len(means) > 1 and not overruled(results):
+        yield (
+            f"The hierarchical model draws {results.data.words.environments} towards each other:"
+            f" farthest the mean {_instead(results, farthest)}, that of the data."
+        )
+
+
+def _widened(results: Results) -> Iterator[str]:
+    """Say where the prior of the spread makes an interval far wider than the data do."""
+    means = _means(results)
+    # Of several environments each says what the spread of the others may be.
+    for mean in means if len(distinct(results.intervals, "environment")) == 1 else ():
+        if mean.widening > _WIDENED:
+            yield (
+                f"The Bayesian interval of {results.data.quantities[mean.row.parameter].label} in"
+                f" {mean.row.environment} is {short(mean.widening, 2)} times as wide as the"
+                f" classical one: {results.data.words.subjects} lie closer together than the prior"
+                " expects. Use the classical interval, or lower log_s_mean in [model.priors]."
+            )
 
 
 def _at_limits(results: Results) -> Iterator[str]:

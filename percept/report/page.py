@@ -13,14 +13,13 @@ from jinja2.sandbox import SandboxedEnvironment
 from markupsafe import Markup, escape
 
 from percept.provenance import commit_of_code
-from percept.report.basics import title_of
-from percept.report.bias import bias
+from percept.report.adjustments import adjustments
+from percept.report.basics import Plot, Section, Table, Value, title_of
 from percept.report.boundaries import boundaries, comparison
 from percept.report.checks import checks, data
 from percept.report.display import display
 from percept.report.methods import methods
 from percept.report.overview import summary
-from percept.report.sections import Plot, Section, Table, Value
 from percept.results import Findings, Results
 
 _LONG = 32  # letters of a cell that may be broken
@@ -42,7 +41,7 @@ def build_sections(results: Results, found: Findings) -> list[Section]:
     return [
         summary(results, found),
         comparison(results),
-        bias(results),
+        adjustments(results),
         boundaries(results),
         display(results),
         checks(results),

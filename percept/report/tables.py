@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from percept.files import inert
-from percept.report.basics import SUPERSCRIPT
-from percept.report.sections import Cell, Section, Table
+from percept.report.basics import SUPERSCRIPT, Cell, Section, Table
 from percept.results import Results
 
 #: Fields of `Results` that are tables of their own.

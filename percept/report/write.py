@@ -10,8 +10,8 @@ from pathlib import Path
 
 from percept.errors import UsageError
 from percept.files import FolderFiles, filled_folder
+from percept.report.basics import Plot
 from percept.report.overview import findings
-from percept.report.sections import Plot
 from percept.report.tables import csv_tables
 from percept.results import Beside, Results
 

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from percept.boundary.feels_real import judge
-from percept.report.basics import digits_of, first, matching, title_of
+from percept.report.basics import Estimated, digits_of, first, matching, title_of
 from percept.report.biases import biases_of
 from percept.report.decisions import doubtful_verdicts, feeling_sentences
 from percept.report.overview import cautions, decide, findings, misfits, setting_sentences
@@ -390,7 +390,7 @@ def test_biases_are_the_bayesian_intervals_of_the_study_s_family(both):
     ],
 )
 def test_digits_end_near_a_hundredth_of_the_half_width(value, limits, digits):
-    assert digits_of(value, *limits) == digits
+    assert digits_of(Estimated(value, *limits)) == digits
 
 
 @pytest.mark.parametrize(
@@ -484,8 +484,8 @@ def test_a_mean_that_pooling_moves_far_is_told(family):
     provenance = dataclasses.replace(found.provenance, scene=scene)
     pooled = dataclasses.replace(found, intervals=tuple(rows), provenance=provenance)
     told = (
-        "The hierarchical model draws environments towards each other. Its mean stiffness of B is"
-        " 5.74 N/m; that of the data is 6 N/m, as in the classical interval."
+        "The hierarchical model draws environments towards each other: farthest the mean stiffness"
+        " of B (5.74 instead of 6 N/m), that of the data."
     )
     assert told in cautions(pooled)
     near = [dataclasses.replace(row, estimate=max(row.estimate, 5.8)) for row in rows[4:]]

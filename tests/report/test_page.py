@@ -12,8 +12,7 @@ import pytest
 
 from percept import Study, read_sessions
 from percept.cli import main
-from percept.report.basics import listed, written
-from percept.report.sections import Plot
+from percept.report.basics import Plot, listed, written
 from percept.sessions import Sessions
 from tests.documents import build_document, page_of, parts_of, sections_of
 from tests.fits import SHARED

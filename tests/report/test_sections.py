@@ -193,7 +193,7 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     ]
     results = as_results(document)
     by_name = {drawing.name: drawing for drawing in drawings(results)}
-    said = "10 of 60 environments are drawn, those with the clearest bias. The tables hold all."
+    said = "The first 10 of 60 environments are drawn; the tables hold all."
     figure = Figure(figsize=(7.0, 7.0), layout="constrained")
     by_name["overview"].draw(figure)
     assert len(figure.axes[0].get_yticklabels()) == 10

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study, UsageError, read_sessions
-from percept.report.contrast import contrast_sentences
+from percept.report.adjustments import contrast_sentences
 from percept.sessions import Sessions
 from percept.study.conditions import by_level
 from tests import DATASETS

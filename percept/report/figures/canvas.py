@@ -20,8 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogLocator
 
-from percept.report.basics import METHOD_NAMES, SUPERSCRIPT
-from percept.report.sections import Plot
+from percept.report.basics import METHOD_NAMES, SUPERSCRIPT, Plot
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them
 # apart as well. The names come from the page's style sheet, where the dark page has its own values.

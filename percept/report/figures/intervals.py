@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from percept.report.adjustments import contrast_rows, is_ratio, level_figures
 from percept.report.basics import KINDS, METHODS, distinct, matching
 from percept.report.biases import Bias, biases_of, drawn_said, foremost
-from percept.report.contrast import contrast_rows, is_ratio, level_figures
 from percept.report.figures.canvas import (
     COLOURS,
     Drawing,

@@ -1,9 +1,11 @@
-"""Factors, groups and covariates: how their levels differ, in sentences and in one table."""
+"""What users set: contrasts of levels, intervals of every kind, and the field's own numbers."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from itertools import product
+from operator import attrgetter
 from typing import Any
 
 from percept.errors import capitalised
@@ -12,29 +14,49 @@ from percept.report.basics import (
     KINDS,
     METHOD_NAMES,
     METHODS,
-    Estimated,
-    digits_of,
-    distinct,
-    gives_means,
-    listed,
-    matching,
-    possessive,
-    present,
-)
-from percept.report.sections import (
     NOTHING,
     Cell,
     Columns,
+    Estimated,
     Section,
     Table,
+    bracketed,
+    column,
+    distinct,
     estimate,
+    families_from,
+    family_of,
+    first,
+    gives_means,
+    limits,
+    listed,
+    matching,
     of,
+    possessive,
+    present,
+    side_by_side,
     table_of,
+    unwidened,
     value,
 )
-from percept.results import ContrastRow, Results
+from percept.results import ContrastRow, IntervalRow, PsychophysicsRow, Results
 from percept.sessions.formula import TRIAL_REFERENCE
 
+#: What measures are called, in the order of the page. The PSE is the mean that stands elsewhere.
+_MEASURES = {
+    "jnd": "JND (SD of a {subject}’s adjustments)",
+    "weber": "Weber fraction",
+    "sd_subjects": "SD between {subjects}",
+    "icc_1": "ICC(1), the reliability of one trial",
+    "sigma_u": "σ u",
+    "sigma_w": "σ w",
+    "sigma_e": "σ e",
+    "icc_c1": "ICC(C,1)",
+    "icc_a1": "ICC(A,1)",
+    "correlation": "Correlation",
+    "gamma": "γ per decade",
+    "sigma_slope": "σ of slopes per decade",
+}
 #: What is compared, in the order of the table, and what it is called where not by its factor.
 _PARTS = {
     "interaction": "",
@@ -47,6 +69,128 @@ _PARTS = {
 #: Digits of an estimate, at least: beside a wide interval it has the digits of the narrow one.
 _LEAST_DIGITS = 3
 _LIMITS = ("estimate", "lower", "upper", "lower_together", "upper_together")
+
+
+def adjustments(results: Results) -> Section:
+    """Return what users set and how far that lies from the references."""
+    words = results.data.words
+    off = "" if gives_means(results) else ", and how far off"
+    return Section(
+        "bias",
+        f"What {words.users} {words.verb}{off}",
+        parts=[_contrast(results), _intervals(results), _psychophysics(results), _jnd(results)],
+        is_folded=True,
+    )
+
+
+def _intervals(results: Results) -> Section:
+    """Return a table of intervals for each quantity, in the study's family."""
+    words = results.data.words
+    geometric = " (a geometric mean)" if family_of(results) == "lognormal" else ""
+    said = (
+        f"Mean: the average {words.user}{geometric}. User: the next {words.user}. Share: a stated"
+        f" share of all {words.users}. One does not stand in for another."
+    )
+    rows = unwidened(results.intervals)
+    if any(row.left_out for row in rows):
+        said += " Adjustments at the limits of the control are left out and counted."
+    tables = [
+        _interval_table(results, matching(rows, parameter=name))
+        for name in distinct(rows, "parameter")
+    ]
+    return Section("intervals", "Intervals", [said], tables, ["overview"])
+
+
+def _interval_table(results: Results, rows: Sequence[IntervalRow]) -> Table:
+    """Return a table with a row per environment, and a column per kind and method."""
+    families = families_from(family_of(results))
+    quantity = results.data.quantities[rows[0].parameter]
+    names = distinct(rows, "environment")
+    shown = []
+    for kind, method, name in product(KINDS, METHODS, names):
+        row = first(rows, environment=[name], kind=[kind], method=[method], family=families)
+        shown += [row] if row else []
+    columns: Columns = {capitalised(results.data.words.environment): str}
+    if quantity.is_matched:
+        columns["Reference"] = column(shown, "environment", of("reference", style="short"))
+    if any(row.left_out for row in rows):
+        columns["left out"] = column(shown, "environment", of("left_out", style="count"))
+    columns |= side_by_side(shown, "environment", ("kind", "method"), _interval)
+    unit = f" in {quantity.unit}" if quantity.unit else ""
+    caption = f"{quantity.head}{unit}: {percent(rows[0].level)} limits ({shown[0].family})."
+    return table_of(caption, names, columns, name=f"intervals_{quantity.name}", csv="intervals")
+
+
+def _interval(row: IntervalRow) -> Cell:
+    return estimate(row) if row.kind == "mean" else limits(row)
+
+
+def _psychophysics(results: Results) -> Section:
+    """Return one table of all measures, over all environments, by environment and by subject."""
+    words = results.data.words
+    rows = []
+    for measure in _MEASURES:
+        of_measure = matching(results.psychophysics, measure=measure)
+        # By environment, SDs between trials are the JNDs.
+        is_new = measure != "sigma_e"
+        rows += [row for row in of_measure if is_new or row.environment is None]
+    if not rows:
+        return Section("psychophysics")
+
+    def named(cell: tuple[str, str | None, str | None]) -> str:
+        units = distinct(matching(rows, measure=cell[0]), "unit")
+        return _MEASURES[cell[0]].format(**vars(words)) + bracketed(", ".join(filter(None, units)))
+
+    fields = "measure", "environment", "subject"
+    columns: Columns = {
+        "Measure": named,
+        "Of": lambda cell: cell[1] or cell[2] or f"all {words.environments}",
+    }
+    columns |= side_by_side(rows, fields, ("parameter", "method"), _measured)
+    cells = dict.fromkeys(attrgetter(*fields)(row) for row in rows)
+    logarithms = " of logarithms" if rows[0].family == "lognormal" else ""
+    said = (
+        f"The PSE is the average {words.user}’s setting above. σ u, σ w and σ e are"
+        f" SDs{logarithms}: between {words.subjects} in all {words.environments}, between them in"
+        f" one alone, and between trials. ICC(C,1) is high where {words.subjects} keep their order,"
+        " ICC(A,1) where they keep their values."
+    )
+    caption = f"Measures with {percent(rows[0].level)} limits."
+    table = table_of(caption, cells, columns, name="psychophysics", csv="psychophysics")
+    return Section("psychophysics", "Thresholds, spreads and reliability", [said], [table])
+
+
+def _measured(row: PsychophysicsRow) -> Cell:
+    return estimate(row, "percent" if row.measure == "weber" else "plain")
+
+
+def _jnd(results: Results) -> Section:
+    """Return whether biases are smaller than one JND."""
+    words = results.data.words
+    rows = results.equivalence
+    if not rows:
+        return Section("equivalence")
+    sentence = (
+        f"Is the typical {words.user}’s bias smaller than one JND? “Within” or “beyond” needs"
+        f" {percent(rows[0].decision)} probability (Bayesian), or two one-sided tests (classical)."
+    )
+    caption = (
+        "Biases against one JND. p, within: the larger of the two tests’. p, beyond: the smaller"
+        " one doubled."
+    )
+
+    columns: Columns = {
+        capitalised(words.environment): of("environment"),
+        "Quantity": of("parameter"),
+        "Method": lambda row: METHOD_NAMES[row.method],
+        "Verdict": of("outcome"),
+        "JND": lambda row: (*value(row.jnd, 4), f" {row.unit}") if row.jnd else NOTHING,
+        "probability": of("probability", 3),
+        "p, within": of("p_within", 2),
+        "p, beyond": of("p_beyond", 2),
+    }
+    table = table_of(caption, rows, columns, name="equivalence", csv="equivalence")
+    return Section("equivalence", "Within one JND?", [sentence], [table])
 
 
 def contrast_rows(results: Results) -> list[ContrastRow]:
@@ -86,22 +230,13 @@ def level_figures(results: Results) -> dict[str, tuple[str, str]]:
     return found
 
 
-def contrast(results: Results) -> Section:
-    """Return sentences on what contrasts rest on, one table, and tests of terms."""
+def _contrast(results: Results) -> Section:
+    """Return one table of contrasts with what it takes to read it, and tests of terms."""
     rows = contrast_rows(results)
     if not rows:
         return Section("contrast")
     words = results.data.words
-    within = listed(distinct(matching(rows, within=True), "factor"))
-    groups = listed(distinct(matching(rows, within=False), "factor"))
     sentences = []
-    if within:
-        sentences.append(
-            f"Every {words.subject} went through all levels of {within}: contrasts pair each"
-            f" {words.subject}’s own means."
-        )
-    if groups:
-        sentences.append(f"Different {words.subjects} are compared in {groups}.")
     if matching(rows, of="interaction"):
         sentences.append(
             "An interaction compares changes: “b, y against a, x” is the change from a to b at y,"
@@ -121,42 +256,40 @@ def contrast(results: Results) -> Section:
         "contrast",
         f"Differences between levels of {listed(distinct(rows, 'factor'))}",
         [" ".join(sentences)],
-        [_table(rows, results), _anova(results)],
+        [_contrasts(rows, results), _anova(results)],
     )
 
 
-def _table(rows: Sequence[ContrastRow], results: Results) -> Table:
+def _contrasts(rows: Sequence[ContrastRow], results: Results) -> Table:
     """Return the one table of the contrasts of average users, and of spreads."""
     words = results.data.words
     is_mean = gives_means(results)
-    parameters = list(results.data.quantities)
-    pairs = list(dict.fromkeys((row.factor, row.first, row.second) for row in rows))
-
-    def place(row: ContrastRow) -> tuple[int, int, int]:
-        pair = pairs.index((row.factor, row.first, row.second))
-        return list(_PARTS).index(row.of), pair, parameters.index(row.parameter)
 
     def where(row: ContrastRow) -> str:
         return row.environment or f"overall, {len(row.references)} of {results.data.references}"
+
+    def levels(row: ContrastRow) -> str:
+        is_alone = is_mean and row.of == "level"
+        return row.second if is_alone else f"{row.second} against {row.first}"
 
     def compared(row: ContrastRow) -> str:
         named = _PARTS.get(row.of) or f"{row.of} {row.factor}"
         if is_mean and row.kind:
             named = {"level": "mean", "bias": "difference"}.get(row.of, named)
-        return f"{named} ({row.unit})" if row.unit else named
+        return named + bracketed(row.unit)
 
     def together(row: ContrastRow) -> Cell:
-        if row.lower_together is None or row.upper_together is None:
-            return NOTHING
-        digits = digits_of(row.estimate, row.lower, row.upper)
-        lower = value(row.lower_together, digits)
-        return (*lower, " to ", *value(row.upper_together, digits))
+        outer = _together(row)
+        return NOTHING if outer is row else limits(outer, least=_LEAST_DIGITS)
 
-    above = "P(> 1)" if rows[0].family == "lognormal" else "P(> 0)"
+    pairs = list(dict.fromkeys((row.factor, row.first, row.second) for row in rows))
+
+    def place(row: ContrastRow) -> tuple[int, int]:
+        return list(_PARTS).index(row.of), pairs.index((row.factor, row.first, row.second))
+
+    is_log = rows[0].family == "lognormal"
     columns: Columns = {
-        "Contrast": lambda row: (
-            row.second if is_mean and row.of == "level" else f"{row.second} against {row.first}"
-        ),
+        "Contrast": levels,
         capitalised(words.environment): where,
         "Quantity": lambda row: results.data.quantities[row.parameter].label,
         "Of": compared,
@@ -164,18 +297,24 @@ def _table(rows: Sequence[ContrastRow], results: Results) -> Table:
         "estimate (limits)": lambda row: estimate(row, least=_LEAST_DIGITS),
         "together": together,
         "p": of("p_value", 2),
-        above: of("probability_above", 3, "percent"),
+        "P(> 1)" if is_log else "P(> 0)": of("probability_above", 3, "percent"),
         "d_z": of("d_z", 2),
         words.subjects: of("n", style="count"),
     }
     shown = [row for row in rows if row.kind in ("mean", None)] or list(rows)
-    measure = "over" if rows[0].family == "lognormal" else "less"
     caption = (
-        f"Contrasts of levels for the average {words.user}: A against B is A {measure} B; spreads"
-        f" are ratios of SDs ({percent(rows[0].level)} limits). Overall, all references weigh the"
-        " same."
+        f"Contrasts of levels for the average {words.user}: A against B is A"
+        f" {'over' if is_log else 'less'} B; spreads are ratios of SDs"
+        f" ({percent(rows[0].level)} limits). Overall, all references weigh the same."
     )
     return table_of(caption, sorted(shown, key=place), columns, name="contrast", csv="contrast")
+
+
+def _together(row: ContrastRow) -> ContrastRow:
+    """Return a contrast with the limits between which all of its factor lie, if there are any."""
+    if row.lower_together is None or row.upper_together is None:
+        return row
+    return dataclasses.replace(row, lower=row.lower_together, upper=row.upper_together)
 
 
 def _anova(results: Results) -> Table:
@@ -250,8 +389,7 @@ def _difference(row: ContrastRow, results: Results) -> str:
     limits = f"({level}: {shown.limits})"
     times = " times" if is_product else ""
     size = shown.text(abs(row.estimate), "plain") + times
-    lower = row.lower if row.lower_together is None else row.lower_together
-    upper = row.upper if row.upper_together is None else row.upper_together
+    outer = _together(row)
     if row.of == "slope" and row.factor == TRIAL_REFERENCE:
         way = "falls" if row.estimate < is_product else "rises"
         said = f"Per decade of reference the bias of the {what} {way} by {size} {limits}."
@@ -261,12 +399,12 @@ def _difference(row: ContrastRow, results: Results) -> str:
                 f"Per decade of reference the {what} is {shown.text(10.0 * row.estimate)} times as"
                 f" large: the ratio to the reference {way} to {size} {limits}."
             )
-    elif lower <= is_product <= upper:
-        together = "" if row.lower_together is None else ", together"
-        outer = dataclasses.replace(shown, lower=lower, upper=upper)
+    elif outer.lower <= is_product <= outer.upper:
+        together = "" if outer is row else ", together"
+        wide = dataclasses.replace(shown, lower=outer.lower, upper=outer.upper)
         said = (
             f"The {what} does not differ clearly between {factor} {second} and {first}:"
-            f" {shown.text(row.estimate)}{times} ({level}{together}: {outer.limits})."
+            f" {shown.text(row.estimate)}{times} ({level}{together}: {wide.limits})."
         )
     else:
         side = "as large" if is_product else "smaller" if row.estimate < 0.0 else "larger"
