@@ -5,7 +5,6 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +14,7 @@ from percept.boundary.band import law_band, size_name
 from percept.report.basics import (
     METHOD_NAMES,
     METHODS,
+    bracketed,
     distinct,
     families_from,
     family_of,
@@ -31,11 +31,12 @@ from percept.report.figures.canvas import (
     REFERENCE_DASHES,
     Drawing,
     draw_interval,
+    draw_panels,
     legend,
     log_scale,
     method_legend,
     panels,
-    shortened,
+    panels_height,
 )
 from percept.results import Band, Boundary, Results
 from percept.sessions.quantities import Quantity
@@ -50,9 +51,6 @@ _WHOM = {
 #: Shapes that both methods have, the exact one first.
 _SHAPES = ("envelope", "pointwise")
 _COLUMNS = 3  # panels side by side
-_PANEL_HEIGHT = 38.0  # mm, with its labels
-_LEGEND_HEIGHT = 12.0  # mm
-_TITLE = 18  # letters
 _VERDICT = 11  # letters in a line
 
 
@@ -124,57 +122,38 @@ def curve_drawings(results: Results) -> list[Drawing]:
         return []
     kind = present(_WHOM, main, "kind")[0]
     whom = _WHOM[kind].format(results.data.words)
-    drawings = [
-        Drawing(
-            name="ratios",
-            title=f"What {whom} takes for the reference, over the reference’s |Z_h|",
-            description=drawn_said(results),
-            height=_height(distinct(main, "environment")),
-            draw=partial(_draw_boundaries, results=results, boundaries=main, kind=kind),
+    families = families_from(family_of(results))
+
+    def drawing(boundaries: Sequence[Boundary], **words: str) -> Drawing:
+        names = distinct(boundaries, "environment")
+        by_name = [
+            alike_boundaries(matching(boundaries, environment=name), kind, families)
+            for name in names
+        ]
+
+        def draw_one(ax: Axes, index: int) -> None:
+            if boundaries is not main:
+                draw_magnitude(ax, by_name[index], log=False)
+                return
+            _draw_ratios(ax, by_name[index])
+            # A panel is some 20 mm wide.
+            verdict = textwrap.fill(_verdict(results, names[index]), _VERDICT)
+            ax.set_title(f"{ax.get_title()}\n{verdict}".strip(), fontsize="medium")
+
+        columns = min(len(names), _COLUMNS)
+        return Drawing(
+            **words,
+            height=panels_height(len(names), columns),
+            draw=lambda figure: draw_panels(figure, names, columns, draw_one),
         )
-    ]
+
+    title = f"What {whom} takes for the reference, over the reference’s |Z_h|"
+    drawings = [drawing(main, name="ratios", title=title, description=drawn_said(results))]
     close = matching(results.close, kind=kind)
     if close:
-        drawings.append(
-            Drawing(
-                name="boundaries_close",
-                title=f"Boundaries of |Z_h| for {whom}, close views",
-                description="",
-                height=_height(distinct(close, "environment")),
-                draw=partial(_draw_boundaries, results=results, boundaries=close, kind=kind),
-            )
-        )
+        title = f"Boundaries of |Z_h| for {whom}, close views"
+        drawings.append(drawing(close, name="boundaries_close", title=title, description=""))
     return drawings
-
-
-def _height(names: Sequence[str]) -> float:
-    rows = -(-len(names) // _COLUMNS)
-    return _LEGEND_HEIGHT + _PANEL_HEIGHT * rows
-
-
-def _draw_boundaries(
-    figure: Figure, results: Results, boundaries: Sequence[Boundary], kind: str
-) -> None:
-    """Draw a panel per environment, each on axes of its own; close views as they are."""
-    names = distinct(boundaries, "environment")
-    axes = panels(figure, len(names), columns=min(len(names), _COLUMNS))
-    titles = shortened(names, _TITLE)
-    families = families_from(family_of(results))
-    for index, (ax, name) in enumerate(zip(axes, names, strict=True)):
-        alike = alike_boundaries(matching(boundaries, environment=name), kind, families)
-        if boundaries[0] in results.close:
-            draw_magnitude(ax, alike, log=False)
-            ax.set_title(titles[index])
-        else:
-            _draw_ratios(ax, alike)
-            # A panel is some 20 mm wide.
-            verdict = textwrap.fill(_verdict(results, name), _VERDICT)
-            ax.set_title(f"{titles[index]}\n{verdict}".strip(), fontsize="medium")
-        if index % _COLUMNS:
-            ax.set_ylabel("")
-        if index < len(names) - _COLUMNS:
-            ax.set_xlabel("")
-    legend(axes, ncols=2)
 
 
 def _verdict(results: Results, name: str) -> str:
@@ -190,20 +169,17 @@ def alike_boundaries(
     boundaries: Sequence[Boundary], kind: str, families: Sequence[str]
 ) -> list[Boundary]:
     """Return the boundaries of both methods in one family and one shape, the Bayesian first."""
-    shapes = list(_SHAPES)
+    shapes = _SHAPES
     if any(boundary.device_share is not None for boundary in boundaries):
         # An envelope leaves out what is not known of the device.
-        shapes.reverse()
-    for shape in shapes:
-        candidates = matching(boundaries, kind=kind, shape=shape)
-        found = []
-        for method in reversed(METHODS):
-            boundary = first(matching(candidates, method=method), family=families)
-            if boundary is not None:
-                found.append(boundary)
-        if found:
-            return found
-    return []
+        shapes = _SHAPES[::-1]
+    of_kind = matching(boundaries, kind=kind)
+    shape = next(iter(present(shapes, of_kind, "shape")), "")
+    found = [
+        first(of_kind, shape=[shape], method=[method], family=families)
+        for method in reversed(METHODS)
+    ]
+    return [boundary for boundary in found if boundary]
 
 
 _LAWS = {"weber": "Weber’s law", "offset": "Weber’s law with an offset", "power": "a power law"}
@@ -246,14 +222,15 @@ def draw_band(
             continue
         drawn.append(method)
         own = matching(of_parameter, method=method, family=row.family)
+        sizes = [getattr(one, size) for one in own]
         laws = matching(band.laws, method=method, family=row.family, parameter=parameter)
-        for one in own:
-            place = getattr(one, size) * _APART[method]
+        for one, place in zip(own, sizes, strict=True):
             ends = [one.band_lower or one.band, one.band_upper or one.band]
-            draw_interval(ax, place, ends, one.band, method, width=1.2, upright=True)
+            draw_interval(
+                ax, place * _APART[method], ends, one.band, method, width=1.2, upright=True
+            )
     if laws:
         law = max(laws, key=lambda one: one.best)
-        sizes = [getattr(one, size) for one in own]
         grid = np.geomspace(min(sizes) / _BEYOND, max(sizes) * _BEYOND, _LAW_POINTS)
         values = np.array([[estimate.value for estimate in law.parameters.values()]])
         line = law_band(law.model, values, grid)[0]
@@ -266,40 +243,41 @@ def draw_band(
     method_legend(ax, drawn)
     ax.margins(x=0.1)
     log_scale(ax, plain=True)
-    unit = "N·s/m" if parameter is None else quantities[parameter].unit
-    in_unit = f" ({unit})" if unit else ""
-    what = "|Zₑ|" if parameter is None else f"reference {quantities[parameter].words}"
-    ax.set_xlabel(f"{what}{in_unit}")
-    ax.set_ylabel(f"width of the band{in_unit}")
+    what, unit = "|Zₑ|", "N·s/m"
+    if parameter is not None:
+        what = f"reference {quantities[parameter].words}"
+        unit = quantities[parameter].unit
+    ax.set_xlabel(what + bracketed(unit))
+    ax.set_ylabel(f"width of the band{bracketed(unit)}")
 
 
 def band_drawings(results: Results) -> list[Drawing]:
     """Return a figure of bands for the impedance, or for each parameter."""
-    if results.band is None:
-        return []
-    user = results.data.words.user
+    band = results.band
     drawings = []
-    for parameter in distinct(results.band.rows, "parameter"):
-        of_parameter = matching(results.band.rows, parameter=parameter)
-        if len(distinct(of_parameter, size_name(parameter))) < 2:
-            continue  # Levels of a factor at one reference
-        what = "|Z_e|" if parameter is None else results.data.quantities[parameter].words
-        drawings.append(
-            Drawing(
-                name="band" if parameter is None else f"band_{parameter}",
-                title=f"Band of {what}, next {user}",
-                description=f"Width of the interval of the next {user} against the size, with its"
-                " own limits. Line: the law that is ahead.",
-                height=_HEIGHT,
-                draw=partial(_draw_bands, results=results, parameter=parameter),
-            )
-        )
+    for parameter in distinct(band.rows, "parameter") if band else ():
+        sizes = distinct(matching(band.rows, parameter=parameter), size_name(parameter))
+        if len(sizes) > 1:  # Levels of a factor may have one reference
+            drawings.append(_band_drawing(results, band, parameter))
     return drawings
 
 
-def _draw_bands(figure: Figure, results: Results, parameter: str | None) -> None:
-    (ax,) = panels(figure)
-    assert results.band is not None
-    families = families_from(family_of(results))
-    draw_band(ax, results.band, parameter, families, results.data.quantities)
-    legend([ax], ncols=3)
+def _band_drawing(results: Results, band: Band, parameter: str | None) -> Drawing:
+    """Return the figure of the bands of one parameter."""
+    quantities = results.data.quantities
+    user = results.data.words.user
+    what = "|Z_e|" if parameter is None else quantities[parameter].words
+
+    def draw(figure: Figure) -> None:
+        (ax,) = panels(figure)
+        draw_band(ax, band, parameter, families_from(family_of(results)), quantities)
+        legend([ax], ncols=3)
+
+    return Drawing(
+        name="band" if parameter is None else f"band_{parameter}",
+        title=f"Band of {what}, next {user}",
+        description=f"Width of the interval of the next {user} against the size, with its own"
+        " limits. Line: the law that is ahead.",
+        height=_HEIGHT,
+        draw=draw,
+    )

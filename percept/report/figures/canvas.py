@@ -8,11 +8,12 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import rc_context, rc_params_from_file
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -42,11 +43,17 @@ REFERENCE_DASHES = (0, (7, 3))
 MM = 1 / 25.4
 #: mm, of every figure: a column of a journal, and of the page.
 WIDTH = 87.5
+_TITLE = 18  # letters, of a panel
 #: Ends of a logarithmic axis over each other, up to which more is labelled than powers of ten.
 _SHORT_SPAN = 5.0
 _LONG_SPAN = 1e3
 #: Over so many decades only every second or fifth power is labelled.
 _MOST_TICKS = 5
+
+
+#: mm, of a panel with its labels, and of the legend below all.
+_PANEL_HEIGHT = 38.0
+LEGEND_HEIGHT = 12.0
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,26 @@ def panels(figure: Figure, count: int = 1, *, columns: int | None = None) -> lis
     for spare in axes[count:]:
         spare.remove()
     return axes[:count]
+
+
+def draw_panels(
+    figure: Figure, names: Sequence[str], columns: int, draw: Callable[[Axes, int], None]
+) -> None:
+    """Draw panels by their index, with short names as titles, outer labels and one legend."""
+    axes = panels(figure, len(names), columns=columns)
+    for index, (ax, name) in enumerate(zip(axes, shortened(names, _TITLE), strict=True)):
+        ax.set_title(name)
+        draw(ax, index)
+        if index % columns:
+            ax.set_ylabel("")
+        if index < len(names) - columns:
+            ax.set_xlabel("")
+    legend(axes, ncols=2)
+
+
+def panels_height(count: int, columns: int = 1) -> float:
+    """Return the height of a figure of panels, mm."""
+    return LEGEND_HEIGHT + _PANEL_HEIGHT * -(-count // columns)
 
 
 def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:
@@ -148,51 +175,11 @@ def shortened(names: Sequence[str], letters: int) -> list[str]:
 
 _DPI = 300  # of a PNG
 _POINTS = 72.0  # of an SVG, per inch
-
 #: matplotlib's settings for every figure.
-STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 7.5,
-    # Names are the user's: a dollar sign among them begins no formula.
-    "text.parse_math": False,
-    "axes.titlesize": 8.0,
-    # Looking for what stands above an axis takes longer than drawing it.
-    "axes.titley": 1.0,
-    "axes.labelsize": 7.5,
-    "axes.linewidth": 0.6,
-    "axes.edgecolor": COLOURS["quiet"],
-    "axes.labelcolor": COLOURS["ink"],
-    "axes.titlecolor": COLOURS["ink"],
-    "axes.facecolor": "none",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.grid": True,
-    "axes.unicode_minus": True,
-    "axes.formatter.useoffset": False,
-    "figure.facecolor": "none",
-    "grid.color": COLOURS["rule"],
-    "grid.linewidth": 0.4,
-    "text.color": COLOURS["ink"],
-    "xtick.color": COLOURS["quiet"],
-    "ytick.color": COLOURS["quiet"],
-    "xtick.labelcolor": COLOURS["ink"],
-    "ytick.labelcolor": COLOURS["ink"],
-    "xtick.labelsize": 7.0,
-    "ytick.labelsize": 7.0,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "legend.fontsize": 6.8,
-    "legend.frameon": False,
-    "legend.handlelength": 1.5,
-    "legend.columnspacing": 1.4,
-    "lines.linewidth": 1.2,
-    "lines.solid_capstyle": "butt",
-    "path.simplify": True,
-    "pdf.fonttype": 42,
-    "svg.fonttype": "none",
-}
+_STYLE = rc_params_from_file(
+    str(resources.files("percept.report") / "templates" / "figures.mplstyle"),
+    use_default_template=False,
+)
 # Dates and versions would make equal figures differ.
 _NO_METADATA: dict[str, dict[str, str | None]] = {
     "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
@@ -207,8 +194,7 @@ _HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'
 # Text keeps its > escaped, so that these are the tags and nothing a user wrote.
 _TAG = re.compile(r"<[^>]*>")
 _ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
-_BREAK_INSIDE = re.compile(r"\s*\n\s*(?=[^<\s])")
-_INDENT = re.compile(r"\s*\n\s*")
+_INDENT = re.compile(r"\s*\n\s*(?=<)")
 # Characters that XML cannot hold, even as references.
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ufffe\uffff]")
 _REFERENCE = re.compile(r'(?:url\(|href=")#([^)"]+)')
@@ -231,14 +217,13 @@ def draw_all(
 def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], str]:
     """Draw a figure once; return its files by format, and an ``<svg>`` in the page's colours."""
     # The salt makes the ids of clips and markers the figure's own: many figures share the page.
-    salted = STYLE | {"svg.hashsalt": f"percept {drawing.name}"}
+    salted = {**_STYLE, "svg.hashsalt": f"percept {drawing.name}"}
     with rc_context(salted), warnings.catch_warnings():
         # An SVG holds text as text; whoever shows it has more fonts.
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         # Names as long as a figure leave no room for axes: they lie over each other.
         warnings.filterwarnings("ignore", "constrained_layout not applied", UserWarning)
-        size = (WIDTH * MM, drawing.height * MM)
-        figure = Figure(size, dpi=_POINTS)
+        figure = Figure((WIDTH * MM, drawing.height * MM), dpi=_POINTS)
         FigureCanvasSVG(figure)
         layout = ConstrainedLayoutEngine()
         figure.set_layout_engine(layout)
@@ -246,61 +231,47 @@ def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], s
         # Once for all files. `savefig` would draw the figure once more for it.
         layout.execute(figure)
         figure.set_layout_engine(None)
-        text = _CONTROL.sub("\ufffd", _saved(figure, "svg", dpi=_POINTS).decode("utf-8"))
-        files = {
-            form: (
-                _svg_file(drawing, text)
-                if form == "svg"
-                else _saved(figure, form, dpi=_DPI, facecolor="white")
-            )
-            for form in formats
-        }
-    return files, _inline(drawing, text)
+        files = {form: _saved(figure, form) for form in {"svg", *formats}}
+    files["svg"] = _described(drawing, files["svg"].decode()).encode()
+    return {form: files[form] for form in formats}, _inline(drawing, files["svg"].decode())
 
 
-def _saved(figure: Figure, form: str, **settings: Any) -> bytes:
+def _saved(figure: Figure, form: str) -> bytes:
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=form, metadata=_NO_METADATA[form], **settings)
+    dpi = _POINTS if form == "svg" else _DPI
+    figure.savefig(buffer, format=form, metadata=_NO_METADATA[form], dpi=dpi)
     return buffer.getvalue()
 
 
-def _escaped(text: str) -> str:
-    return escape(_CONTROL.sub("\ufffd", text))
-
-
-def _svg_file(drawing: Drawing, text: str) -> bytes:
-    """Return an SVG file with text as text, on white ground."""
+def _described(drawing: Drawing, text: str) -> str:
+    """Put title and description into an SVG."""
+    label = f"svg-{drawing.name}"
     words = (
-        f"<title>{_escaped(drawing.title)}</title>\n<desc>{_escaped(drawing.description)}</desc>\n"
+        f'<title id="{label}-title">{escape(drawing.title)}</title>'
+        f'<desc id="{label}-desc">{escape(drawing.description)}</desc>\n'
     )
-    ground = '<rect width="100%" height="100%" style="fill: #ffffff"/>\n'
-    return _HEAD.sub(lambda head: f"{head[0]}\n{words}{ground}", text, count=1).encode()
+    described = _HEAD.sub(lambda head: f"{head[0]}\n{words}", text, count=1)
+    return _CONTROL.sub("\ufffd", described)
 
 
 def _inline(drawing: Drawing, text: str) -> str:
-    """Return an ``<svg>`` for the page: a title, the page's colours, a line for each element."""
+    """Return an ``<svg>`` for the page: the page's colours, and only ids that something uses."""
     inside = _OWN_STYLE.sub("", _HEAD.split(text)[1], count=1)
-    inside = _INDENT.sub("\n", _BREAK_INSIDE.sub(" ", inside)).strip()
-    used = {match[1] for match in _REFERENCE.finditer(inside)}
+    inside = _INDENT.sub("\n", inside).strip()
+    label = f"svg-{drawing.name}"
+    used = {f"{label}-title", f"{label}-desc", *_REFERENCE.findall(inside)}
 
     def own(found: re.Match[str]) -> str:
         tag = found[0]
         for name, colour in COLOURS.items():
             tag = tag.replace(colour, f"var(--{name})")
         # Ids that nothing refers to may hold a label, and a page's ids hold no spaces.
-        return _ID.sub(lambda one: attribute(one[1][1:-1]), tag)
-
-    def attribute(name: str) -> str:
-        return f' id="{name}"' if name in used else ""
+        return _ID.sub(lambda one: one[0] if one[1][1:-1] in used else "", tag)
 
     width = WIDTH * MM * _POINTS
     height = drawing.height * MM * _POINTS
-    label = f"svg-{drawing.name}"
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
-        f'role="img" aria-labelledby="{label}-title {label}-desc">'
-        f'<title id="{label}-title">{_escaped(drawing.title)}</title>'
-        f'<desc id="{label}-desc">{_escaped(drawing.description)}</desc>\n'
-        f"{_TAG.sub(own, inside)}\n"
+        f'role="img" aria-labelledby="{label}-title {label}-desc">{_TAG.sub(own, inside)}\n'
     )

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from percept.inference.record import percent
-from percept.report.basics import METHOD_NAMES
+from percept.report.basics import METHOD_NAMES, matching
 from percept.report.biases import drawn_said, foremost
 from percept.report.figures.canvas import (
     COLOURS,
+    LEGEND_HEIGHT,
     Drawing,
+    draw_panels,
     legend,
     log_scale,
     panels,
-    shortened,
+    panels_height,
 )
 from percept.results import (
     Coupling,
@@ -35,9 +40,6 @@ _LEAST_SPAN = 10.0  # of a logarithmic axis
 _FILL_ALPHA = 0.15
 _MIDDLE = 0.5  # of the axes
 _MOST_WIDE = 4  # panels two side by side; more stand three by three
-_TITLE = 26  # letters
-_PANEL_HEIGHT = 40.0  # mm, with its labels
-_LEGEND_HEIGHT = 12.0  # mm
 
 
 def draw_couplings(
@@ -100,28 +102,19 @@ def draw_couplings(
 def design_drawings(results: Results) -> list[Drawing]:
     """Return the maps of environments for which some coupling surely feels real."""
     design = results.design
-    shown = (*foremost(results), None)  # All together come last
-    regions = []
-    for region in design.environments if design else ():
-        if region.outcome == "some" and region.name in shown:
-            regions.append(region)
-    if design is None or not regions:
+    shown = (*foremost(results), None)  # Several at once come last
+    maps = matching(design.environments if design else (), outcome="some")
+    maps = [one for one in maps if one.name in shown]
+    if design is None or not maps:
         return []
-    columns = min(len(regions), 2 if len(regions) <= _MOST_WIDE else 3)
+    decision = design.decision
     coupling = results.provenance.scene.get("coupling")
     used = (coupling["stiffness"], coupling["damping"]) if coupling else None
+    names = [one.name or "together" for one in maps]
+    columns = min(len(maps), 2 if len(maps) <= _MOST_WIDE else 3)
 
-    def draw(figure: Figure) -> None:
-        axes = panels(figure, len(regions), columns=columns)
-        titles = shortened([region.name or "together" for region in regions], _TITLE)
-        for index, (ax, region) in enumerate(zip(axes, regions, strict=True)):
-            draw_couplings(ax, region, decision=design.decision, used=used)
-            ax.set_title(titles[index])
-            if index % columns:
-                ax.set_ylabel("")
-            if index < len(regions) - columns:
-                ax.set_xlabel("")
-        legend(axes, ncols=2)
+    def draw_one(ax: Axes, index: int) -> None:
+        draw_couplings(ax, maps[index], decision=decision, used=used)
 
     shades = ", ".join(f"{100 * shade:.0f}" for shade in SHADES)
     return [
@@ -131,9 +124,9 @@ def design_drawings(results: Results) -> list[Drawing]:
             description="Left of the edge this device renders the"
             f" {results.data.words.environment} with every hand. The darker, the more probably it"
             f" feels real ({METHOD_NAMES[design.method]}): shades begin at {shades} and"
-            f" {percent(design.decision)}. {drawn_said(results)}".rstrip(),
-            height=_LEGEND_HEIGHT + _PANEL_HEIGHT * -(-len(regions) // columns),
-            draw=draw,
+            f" {percent(decision)}. {drawn_said(results)}".rstrip(),
+            height=panels_height(len(maps), columns),
+            draw=lambda figure: draw_panels(figure, names, columns, draw_one),
         )
     ]
 
@@ -219,39 +212,36 @@ def draw_stability(ax: Axes, coupling: Coupling) -> None:
 
 def stability_drawings(width: ZWidth | None, coupling: Coupling | None) -> list[Drawing]:
     """Return what the device renders in time, and Eq. 10 beside it where there is a coupling."""
-    in_time = width if width is not None and width.edge is not None else None
-    by_paper = coupling if coupling is not None and len(coupling.bound) else None
-    if in_time is None and by_paper is None:
-        return []
-
-    def draw(figure: Figure) -> None:
-        axes = panels(figure, (in_time is not None) + (by_paper is not None), columns=1)
-        if in_time is not None:
-            draw_zwidth(axes[0], in_time)
-            axes[0].set_title("in time")
-        if by_paper is not None:
-            draw_stability(axes[-1], by_paper)
-            axes[-1].set_title("by Eq. 10 of the paper")
-        legend(axes, ncols=1)
-
+    panel: dict[str, Callable[[Axes], None]] = {}
     said = []
-    if in_time is not None:
+    title = "What the device renders with every hand"
+    if width is not None and width.edge is not None:
+        panel["in time"] = partial(draw_zwidth, width=width)
         said.append(
             "In time: inside the edge no passive hand makes the motion grow, for walls rendered"
             " directly and for couplings with a rigid wall behind them."
         )
-        if in_time.references:
+        if width.references:
             said.append("Points are the references.")
-    if by_paper is not None:
+    if coupling is not None and len(coupling.bound):
+        panel["by Eq. 10 of the paper"] = partial(draw_stability, coupling=coupling)
         said.append("By Eq. 10 the real part of 1/Z_c has to stay above the lower bound.")
-    two = in_time is not None and by_paper is not None
+    if not panel:
+        return []
+
+    def draw(figure: Figure) -> None:
+        axes = panels(figure, len(panel), columns=1)
+        for ax, (name, draw_one) in zip(axes, panel.items(), strict=True):
+            draw_one(ax)
+            ax.set_title(name)
+        legend(axes, ncols=1)
+
     return [
         Drawing(
             name="stability",
-            title="What the device renders with every hand"
-            + (", in time and by Eq. 10" if two else ""),
+            title=title + (", in time and by Eq. 10" if len(panel) > 1 else ""),
             description=" ".join(said),
-            height=2.0 * _LEGEND_HEIGHT + _PANEL_HEIGHT * (2 if two else 1),
+            height=LEGEND_HEIGHT + panels_height(len(panel)),
             draw=draw,
         )
     ]

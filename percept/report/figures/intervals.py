@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from percept.report.adjustments import contrast_rows, is_ratio, level_figures
-from percept.report.basics import KINDS, METHODS, distinct, matching
+from percept.report.basics import KINDS, METHODS, bracketed, distinct, matching, present
 from percept.report.biases import Bias, biases_of, drawn_said, foremost
 from percept.report.figures.canvas import (
     COLOURS,
@@ -75,44 +76,56 @@ def draw_intervals(
     """
     relative = biases[0].relative
     environments = distinct(biases, "environment")
-    bars = []  # Each with its limits and estimate against the reference
-    for row in [bias.row for bias in biases]:
-        numbers = [row.lower, row.upper, row.estimate]
-        bars.append((row, _against(numbers, row.reference, relative=relative)))
-    rows = [row for row, _ in bars]
-    dots = {}
+    rows = [bias.row for bias in biases]
+    lines = [line for line in product(KINDS, METHODS) if line in {(r.kind, r.method) for r in rows}]
+    bars = [
+        _against([row.lower, row.upper, row.estimate], row.reference, relative=relative)
+        for row in rows
+    ]
+    dots = {name: np.empty(0) for name in environments}
     for cell in matching(cells, parameter=quantity.name):
-        dots[cell.environment] = _against(cell.values, cell.reference, relative=relative)
-    dots = {name: dots.get(name, np.empty(0)) for name in environments}
-    values = np.concatenate([*dots.values(), *(ends for _, ends in bars)])
+        if cell.environment in dots:
+            dots[cell.environment] = _against(cell.values, cell.reference, relative=relative)
+    values = np.concatenate([*dots.values(), *bars])
     log = rows[0].family == "lognormal" and relative and bool((values > 0).all())
     left, right = _ends(np.append(values, float(relative)), log=log)
-    lines = [(k, m) for k in KINDS for m in METHODS if matching(rows, kind=k, method=m)]
     tops = -(len(lines) + _GAP) * np.arange(len(environments))
     reference_line(ax, float(relative))
     for top, x in zip(tops, dots.values(), strict=True):
         label = f"one {words.subject}" if len(x) else None
         ax.plot(x, np.full(len(x), top), ".", color=COLOURS["quiet"], markersize=3.4, label=label)
-    for row, ends in bars:
-        place = tops[environments.index(row.environment)] - 1 - lines.index((row.kind, row.method))
-        estimate = ends[2] if row.kind == "mean" else None
-        width = _THICKNESS[row.kind]
-        draw_interval(ax, place, np.clip(ends[:2], left, right), estimate, row.method, width=width)
-    method_legend(ax, [method for method in METHODS if matching(rows, method=method)])
-    names = {"mean": f"average {words.user}", "user": f"next {words.user}"}
-    names["share"] = f"share of {words.users}"
-    for kind in dict.fromkeys(kind for kind, _ in lines):
+    for row, (lower, upper, estimate) in zip(rows, bars, strict=True):
+        draw_interval(
+            ax,
+            tops[environments.index(row.environment)] - 1 - lines.index((row.kind, row.method)),
+            np.clip([lower, upper], left, right),
+            estimate if row.kind == "mean" else None,
+            row.method,
+            width=_THICKNESS[row.kind],
+        )
+    method_legend(ax, present(METHODS, rows, "method"))
+    names = {
+        "mean": f"average {words.user}",
+        "user": f"next {words.user}",
+        "share": f"share of {words.users}",
+    }
+    for kind in present(KINDS, rows, "kind"):
         ax.plot([], [], color=COLOURS["quiet"], linewidth=_THICKNESS[kind], label=names[kind])
     ax.set_xlim(left, right)
     if log:
         log_scale(ax, "x", plain=True)
     ax.set_yticks(tops - len(lines) / 2, shortened(environments, _MOST_LETTERS))
     ax.set_ylim(tops[-1] - len(lines) - _GAP / 2, _GAP / 2)
-    unit = f" ({quantity.unit})" if quantity.unit else ""
-    against = " − reference" if quantity.is_matched else ""
-    ax.set_xlabel(quantity.words + (" / reference" if relative else f"{against}{unit}"))
+    ax.set_xlabel(_against_label(quantity.words, quantity, quantity.unit, relative=relative))
     ax.grid(visible=False, axis="y")
     ax.tick_params(axis="y", length=0)
+
+
+def _against_label(label: str, quantity: Quantity, unit: str, *, relative: bool) -> str:
+    """Name an axis of values over their reference, or less it."""
+    if relative:
+        return f"{label} / reference"
+    return label + (" − reference" if quantity.is_matched else "") + bracketed(unit)
 
 
 def _against(values: ArrayLike, reference: float | None, *, relative: bool) -> FloatArray:
@@ -141,10 +154,9 @@ def overview_drawings(results: Results) -> list[Drawing]:
     words = results.data.words
     kinds = [kind for kind in ("mean", "user") if matching(results.intervals, kind=kind)]
     shown = []
-    for kind in kinds or ["share"]:
-        for method in METHODS:
-            biases = biases_of(results, kind, method=method)
-            shown += [bias for bias in biases if bias.environment in environments]
+    for kind, method in product(kinds or ["share"], METHODS):
+        biases = biases_of(results, kind, method=method)
+        shown += [bias for bias in biases if bias.environment in environments]
     names = distinct(shown, "parameter")
     columns = min(2, len(names))
 
@@ -155,8 +167,7 @@ def overview_drawings(results: Results) -> list[Drawing]:
             own = matching(shown, parameter=name)
             draw_intervals(ax, own, results.data.cells, quantity, words)
             ax.set_title(quantity.head, loc="left")
-            if index % columns:
-                ax.tick_params(axis="y", labelleft=False)
+            ax.tick_params(axis="y", labelleft=index % columns == 0)
         legend(axes, ncols=3)
 
     lines = len({(bias.row.kind, bias.row.method) for bias in shown}) + _GAP
@@ -194,7 +205,7 @@ def level_drawings(results: Results) -> list[Drawing]:
 
 
 def _draw_factor(figure: Figure, results: Results, parameter: str, factor: str) -> None:
-    """Draw the levels, and the differences beside them where there are some."""
+    """Draw the levels, and the differences below them where there are some."""
     rows = matching(contrast_rows(results), parameter=parameter, factor=factor, kind="mean")
     between = matching(rows, of="bias")
     overall = matching(between, environment=None) or between
@@ -208,44 +219,42 @@ def _draw_factor(figure: Figure, results: Results, parameter: str, factor: str) 
 
 def _draw_levels(ax: Axes, means: Sequence[ContrastRow], results: Results) -> None:
     """Draw each subject's values over the levels, and the average user beside them."""
-    parameter = means[0].parameter
-    quantity = results.data.quantities[parameter]
-    own = matching(results.levels, parameter=parameter, environment=None)
-    rows = matching(own, factor=means[0].factor)
-    raw = matching(results.contrast, parameter=parameter, factor=means[0].factor, of="level")
+    first = means[0]
+    quantity = results.data.quantities[first.parameter]
+    own = matching(results.levels, parameter=first.parameter, environment=None)
+    rows = matching(own, factor=first.factor)
+    raw = matching(results.contrast, parameter=first.parameter, factor=first.factor, of="level")
     # Values are in the unit of report.json, as its contrasts.
-    scale = means[0].estimate / raw[0].estimate if raw[0].estimate else 1.0
+    scale = first.estimate / raw[0].estimate if raw[0].estimate else 1.0
     values = scale * np.array([row.values for row in rows], dtype=float)
-    groups = _groups(own, rows[0].factor)
-    if len(groups) < 2:
-        groups = {f"one {results.data.words.subject}": np.ones(values.shape[1], dtype=bool)}
-    for (name, members), colour in zip(groups.items(), _GROUP_COLOURS * len(groups), strict=False):
+    for index, (name, members) in enumerate(_groups(own, rows[0], results).items()):
+        colour = _GROUP_COLOURS[index % len(_GROUP_COLOURS)]
         _draw_subjects(ax, values[:, members], name, colour, within=rows[0].within)
     levels = [row.level for row in rows]
     for row in means:
         place = levels.index(row.second) + _BESIDE[row.method]
         limits = [row.lower, row.upper]
         draw_interval(ax, place, limits, row.estimate, row.method, upright=True)
-    log = is_ratio(means[0])
+    log = is_ratio(first)
     if log:
         log_scale(ax, "y", plain=True)
-    unit = f" ({means[0].unit})" if means[0].unit else ""
-    against = " − reference" if quantity.is_matched else ""
-    ax.set_ylabel(quantity.label + (" / reference" if log else f"{against}{unit}"))
+    ax.set_ylabel(_against_label(quantity.label, quantity, first.unit, relative=log))
     ax.set_xticks(range(len(levels)), shortened(levels, max(4, _LEVELS_LETTERS // len(levels))))
     ax.set_xlim(-_END, len(levels) - 1 + _END)
-    ax.set_xlabel(rows[0].factor)
+    ax.set_xlabel(first.factor)
     ax.grid(visible=False, axis="x")
     if quantity.is_matched:
         reference_line(ax, float(log), "y")
 
 
-def _groups(rows: Sequence[LevelValues], factor: str) -> dict[str, NDArray[np.bool_]]:
-    """Return the subjects of each level of the first factor between groups, if another's drawn."""
+def _groups(
+    rows: Sequence[LevelValues], drawn: LevelValues, results: Results
+) -> dict[str, NDArray[np.bool_]]:
+    """Return the subjects of each level of the first factor between groups, else all of them."""
     between = matching(rows, within=False)
-    if not between or between[0].factor == factor:
-        return {}
-    of_groups = matching(between, factor=between[0].factor)
+    of_groups = matching(between, factor=between[0].factor) if between else []
+    if len(of_groups) < 2 or of_groups[0].factor == drawn.factor:
+        return {f"one {results.data.words.subject}": np.ones(len(drawn.values), dtype=bool)}
     return {row.level: np.array([one is not None for one in row.values]) for row in of_groups}
 
 
@@ -256,12 +265,16 @@ def _draw_subjects(ax: Axes, values: FloatArray, name: str, colour: str, *, with
     # A subject per row, and a gap after it. One path: a line for each of hundreds of subjects makes
     # a page of megabytes.
     x = np.arange(count + 1) + spread[:, None]
-    y = np.full((subjects, count + 1), np.nan)
-    y[:, :count] = values.T
+    y = np.pad(values.T, ((0, 0), (0, 1)), constant_values=np.nan)
     ax.plot(
-        x.ravel(), y.ravel(), linewidth=0.6 if within else 0.0, marker=".", markersize=3.0,
-        color=COLOURS[colour], label=name,
-    )  # fmt: skip
+        x.ravel(),
+        y.ravel(),
+        linewidth=0.6 if within else 0.0,
+        marker=".",
+        markersize=3.0,
+        color=COLOURS[colour],
+        label=name,
+    )
 
 
 def _draw_differences(ax: Axes, contrasts: Sequence[ContrastRow]) -> None:
@@ -275,10 +288,10 @@ def _draw_differences(ax: Axes, contrasts: Sequence[ContrastRow]) -> None:
     reference_line(ax, float(log))
     if log:
         log_scale(ax, "x", plain=True)
-    names = [f"{second} : {first}" if log else f"{second} − {first}" for first, second in pairs]
+    sign = ":" if log else "−"
+    names = [f"{second} {sign} {first}" for first, second in pairs]
     ax.set_yticks([-index - 0.25 for index in range(len(pairs))], shortened(names, 30))
     ax.set_ylim(-len(pairs) + 0.2, 0.3)
-    unit = f" ({contrasts[0].unit})" if contrasts[0].unit else ""
-    ax.set_xlabel("ratio" if log else f"difference{unit}")
-    method_legend(ax, [one for one in METHODS if one in distinct(contrasts, "method")])
+    ax.set_xlabel("ratio" if log else f"difference{bracketed(contrasts[0].unit)}")
+    method_legend(ax, present(METHODS, contrasts, "method"))
     ax.grid(visible=False, axis="y")
