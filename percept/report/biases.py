@@ -106,10 +106,16 @@ def biases_among(
 
 
 def _bias(row: IntervalRow, reference: float, style: str) -> Bias:
-    numbers = [row.estimate, row.lower, row.upper]
+    relative = style == "bias"
+
+    def off(number: float) -> float:
+        return number / reference - 1.0 if relative else number - reference
+
     return Bias(
-        *(one / reference - 1.0 if style == "bias" else one - reference for one in numbers),
-        unit="" if style == "bias" else row.unit,
+        off(row.estimate),
+        off(row.lower),
+        off(row.upper),
+        unit="" if relative else row.unit,
         style=style,
         row=row,
         environment=row.environment,
@@ -257,9 +263,8 @@ def _range(bias: Bias) -> str:
     """Write where the next user's settings lie against the reference, and in which environment."""
     text = bias.limits
     if bias.relative:
-        numbers = [1.0 + bias.estimate, 1.0 + bias.lower, 1.0 + bias.upper]
-        times = Estimated(*numbers, unit="times the reference")
-        text = times.limits
+        lower, upper = 1.0 + bias.lower, 1.0 + bias.upper
+        text = Estimated(1.0 + bias.estimate, lower, upper, unit="times the reference").limits
     elif bias.row.reference:
         # From a reference of zero a difference is the value.
         text += " off the reference"

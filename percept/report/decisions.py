@@ -264,8 +264,8 @@ def coupling_sentences(results: Results) -> list[str]:
         return []
     words = results.data.words
     spans = {}
-    absent = []
-    unknown = []
+    absent: list[str] = []
+    unknown: list[str] = []
     for row in design.environments:
         if row.name is None:
             continue

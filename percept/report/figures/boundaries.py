@@ -254,8 +254,10 @@ def draw_band(
 def band_drawings(results: Results) -> list[Drawing]:
     """Return a figure of bands for the impedance, or for each parameter."""
     band = results.band
+    if band is None:
+        return []
     drawings = []
-    for parameter in distinct(band.rows, "parameter") if band else ():
+    for parameter in distinct(band.rows, "parameter"):
         sizes = distinct(matching(band.rows, parameter=parameter), size_name(parameter))
         if len(sizes) > 1:  # Levels of a factor may have one reference
             drawings.append(_band_drawing(results, band, parameter))
