@@ -3,13 +3,9 @@
 from collections.abc import Sized
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from percept import Scene, Study, read_sessions
-from percept.sessions import Sessions
-from percept.study.prepare import prepare
-from reports import dataset
+from percept import Scene, Study
 from reports.benchmark.commands import (
     exponent,
     least,
@@ -73,30 +69,6 @@ def is_empty(result):
 def test_a_process_imports_only_what_it_needs(scene, left_out):
     found, _ = in_a_process(not_imported, scene, 0.5)
     assert found == left_out
-
-
-def coordinates_of(table, **inference):
-    tables = Scene.load(dataset("hbfd.toml")).to_dict()
-    tables["inference"] |= inference
-    study = Study(Sessions.from_frame(table), Scene(**tables))
-    return len(prepare(study.data).model.names)
-
-
-def test_the_model_has_no_level_that_the_data_or_the_scene_leave_out():
-    table = read_sessions(dataset("hbfd_sessions.csv")).table
-    again = table.assign(trial=2)
-    again["k_adj"] *= 1.0 + 0.04 * np.cos(np.arange(len(table)))
-    again["b_adj"] *= 1.0 + 0.04 * np.sin(np.arange(len(table)))
-    repeated = pd.concat([table.assign(trial=1), again], ignore_index=True)
-    one = table[table["environment"] == "VE3"]
-    # k and b: tau, sigma_u, a trend, s, kappa and omega each, three correlations, and a spread per
-    # environment.
-    assert coordinates_of(table) == 2 * 6 + 3 + 2 * 5
-    # Trials: s, kappa and omega of each, a correlation, and a spread per environment.
-    assert coordinates_of(repeated) == 25 + 2 * 3 + 1 + 2 * 5
-    assert coordinates_of(table, parameters=["k"]) == 6 + 5
-    # One environment: two spreads and one correlation.
-    assert coordinates_of(one) == 3
 
 
 def test_the_least_of_each_part_counts():
