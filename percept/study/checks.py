@@ -104,7 +104,7 @@ def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
         cells = [fit.column[name, environment] for name in ("k", "b")]
         scale = fit.scale.at(cells)
         drawn = users[environment].mean.T
-        responses = (drawn - (np.log(scale.origin) if scale.log else scale.origin)) / scale.unit
+        responses = (drawn - scale.centre) / scale.unit
         of_all = _log_normal(responses - laws.mean[:, j], laws.location[:, j])
         without = np.empty((*covariance.shape[:2], 2, 2))
         without[..., 0, 1] = without[..., 1, 0] = covariance[..., j]

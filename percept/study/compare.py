@@ -100,21 +100,11 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
 
 def _intervals(first: Study, second: Study) -> pd.DataFrame:
     """Limits that both studies have, and their widths' ratio."""
-    of_b = {tuple(getattr(row, name) for name in _LABELS): row for row in second.interval_rows}
-    rows = []
-    for a in first.interval_rows:
-        key = tuple(getattr(a, name) for name in _LABELS)
-        if key in of_b:
-            b = of_b[key]
-            limits = {
-                "lower_a": a.lower,
-                "upper_a": a.upper,
-                "lower_b": b.lower,
-                "upper_b": b.upper,
-                "width_ratio": (b.upper - b.lower) / (a.upper - a.lower),
-            }
-            rows.append(dict(zip(_LABELS, key, strict=True)) | limits)
-    return pd.DataFrame(rows)
+    columns = [*_LABELS, "lower", "upper"]
+    of_b = second.intervals[columns]
+    both = first.intervals[columns].merge(of_b, on=list(_LABELS), suffixes=("_a", "_b"))
+    width = both["upper_b"] - both["lower_b"]
+    return both.assign(width_ratio=width / (both["upper_a"] - both["lower_a"]))
 
 
 def _left_out(of_a: Sequence[str], of_b: Sequence[str]) -> Iterator[str]:
@@ -192,14 +182,14 @@ def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
     asked = first.scene.inference
     if "bayesian" in (asked.method, second.scene.inference.method):
         return
-    moments_b = second.data.moments(asked.family)
+    of_b = second.data.moments(asked.family)
     for cell, a in first.data.moments(asked.family).items():
-        if cell in moments_b:
-            means = group_contrast(a, moments_b[cell], level=asked.level)
-            spreads = group_spread_ratio(a, moments_b[cell], level=asked.level)
-            ends = [means.lower, means.estimate, means.upper]
-            ratios = [spreads.lower, spreads.estimate, spreads.upper]
-            yield _row(cell, "classical", asked.family, ends, ratios)
+        if cell in of_b:
+            found = group_contrast(a, of_b[cell], level=asked.level)
+            ratio = group_spread_ratio(a, of_b[cell], level=asked.level)
+            limits = [found.lower, found.estimate, found.upper]
+            ratios = [ratio.lower, ratio.estimate, ratio.upper]
+            yield _row(cell, "classical", asked.family, limits, ratios)
 
 
 def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
@@ -224,36 +214,37 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
         mean = (mean_b - mean_a)[:, None]
         sd = np.hypot(sd_a, sd_b)[:, None]
         lower, upper, _ = mixture_limits(mean, sd, tail)
-        ends = [float(lower[0]), float(mean.mean()), float(upper[0])]
+        limits = [lower[0], mean.mean(), upper[0]]
         ratios = np.quantile(spread_b / spread_a, [tail, 0.5, 1.0 - tail]).tolist()
         above = float(special.ndtr(mean / sd).mean())
-        yield _row(cell, "bayesian", asked.family, ends, ratios, above)
+        yield _row(cell, "bayesian", asked.family, limits, ratios, above)
 
 
 def _population(fit: Fit, cell: tuple[str, str]) -> Array:
     """Draws of mean, its SD and the SD between users, (3, S), in units or of logarithms."""
     c = fit.column[cell]
     scale = fit.scale.at(c)
-    origin = np.log(scale.origin) if scale.log else scale.origin
-    mean = origin + scale.unit * fit.moments.mean[:, c]
-    sd = scale.unit * fit.moments.sd[:, c]
-    return np.stack([mean, sd, scale.unit * fit.moments.population_sd[:, c]])
+    moments = fit.moments
+    centred = np.stack([moments.mean[:, c], moments.sd[:, c], moments.population_sd[:, c]])
+    drawn = scale.unit * centred
+    drawn[0] += scale.centre
+    return drawn
 
 
 def _row(
     cell: tuple[str, str],
     method: str,
     family: str,
-    ends: Sequence[float],
+    limits: Sequence[float],
     ratios: Sequence[float],
     above: float | None = None,
 ) -> dict[str, object]:
     """Make a row: lower, value and upper of the difference of averages and the ratio of spreads."""
     parameter, environment = cell
     row = {"environment": environment, "parameter": parameter, "method": method, "family": family}
-    if family == "lognormal":
-        ends = np.exp(ends).tolist()
     names = ("lower", "value", "upper")
+    if family == "lognormal":
+        limits = np.exp(limits).tolist()
+    differences = dict(zip(names, map(float, limits), strict=True))
     spreads = {f"spread_{name}": float(end) for name, end in zip(names, ratios, strict=True)}
-    differences = {name: float(end) for name, end in zip(names, ends, strict=True)}
     return {**row, **differences, "probability_above": above, **spreads}

@@ -1,4 +1,9 @@
-"""Factors, groups and covariates of a study, told from its data, and what is compared."""
+"""Factors, groups and covariates of a study, told from its data; and references by trial.
+
+The model needs one reference per environment. Where every trial has its own reference r, that is
+their geometric mean g. What subjects adjusted, a, becomes a·g/r: the ratio to the reference stays.
+How far r lies above g, in decades, becomes a column, whose effect is that of a covariate.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +18,15 @@ from percept.errors import UsageError, counted
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE, Term, terms_of
-from percept.sessions.records import Factors
-from percept.study.basics import Array
-from percept.study.trial_references import at_typical_references
+from percept.sessions.quantities import quantity_of
+from percept.sessions.records import Factors, Notice
+from percept.study.basics import Array, analysed_parameters
 
 #: A cell: its environment, and its level under each factor.
 CellKey = tuple[str, tuple[str, ...]]
+#: Environments made of a study that has one only. A line over references takes two; five show
+#: whether the means depart from it, and leave each a fifth of the trials.
+_RANGES = 5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,11 +44,6 @@ class Conditions:
     def precise(self) -> Conditions:
         """Return the factors compared in precision, without interactions."""
         return dataclasses.replace(self, factors=self.precision, terms=())
-
-    def only(self, factors: Sequence[str]) -> Conditions:
-        """Return some of the factors with the terms that hold no others."""
-        terms = tuple(term for term in self.terms if set(term) <= set(factors))
-        return dataclasses.replace(self, factors=tuple(factors), terms=terms)
 
 
 def told_apart(sessions: Sessions, scene: Scene) -> Sessions:
@@ -99,17 +102,17 @@ def by_level(sessions: Sessions, columns: Sequence[str]) -> Sessions:
             raise UsageError(message, column=columns[0], hint=hint)
         cells[cell] = (environment, tuple(combined))
 
-    def told_apart(rows: pd.DataFrame) -> pd.DataFrame:
+    def in_cells(rows: pd.DataFrame) -> pd.DataFrame:
         """Name the cell of each row as its environment."""
         texts = rows[["environment", *columns]].astype(str).itertuples(index=False, name=None)
-        return rows.assign(environment=[Factors.cell(name, own) for name, *own in texts])
+        return rows.assign(environment=[Factors.cell(name, levels) for name, *levels in texts])
 
     at_limits = sessions.at_limits
     return dataclasses.replace(
         sessions,
-        table=told_apart(table),
+        table=in_cells(table),
         factors=Factors(levels, cells),
-        at_limits=told_apart(at_limits) if len(at_limits) else at_limits,
+        at_limits=in_cells(at_limits) if len(at_limits) else at_limits,
     )
 
 
@@ -138,7 +141,13 @@ def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:
         levels = sessions.table.groupby("subject", sort=False)[column].nunique()
         if (levels == 1).all():
             between.add(column)
-    _refuse_interactions(scene.terms, covariates)
+    for term in scene.terms:
+        mixed = sorted(set(term) & set(covariates))
+        if len(term) > 1 and mixed:
+            message = f"{' : '.join(term)} holds a column of numbers, which takes no interactions."
+            hint = "If it names conditions, write them as words, or set [study] factor = "
+            hint += f'"{mixed[0]}".'
+            raise UsageError(message, key="model.bias", value=mixed[0], hint=hint)
     found = Conditions(
         factors=tuple(factors),
         between=frozenset(between),
@@ -170,29 +179,16 @@ def _named(
     return tuple(names)
 
 
-def _refuse_interactions(terms: Sequence[Term], covariates: Sequence[str]) -> None:
-    """Refuse interactions of covariates."""
-    for term in terms:
-        mixed = set(term) & set(covariates)
-        if len(term) > 1 and mixed:
-            column = sorted(mixed)[0]
-            message = f"{' : '.join(term)} holds a column of numbers, which takes no interactions."
-            hint = (
-                f'If it names conditions, write them as words, or set [study] factor = "{column}".'
-            )
-            raise UsageError(message, key="model.bias", value=column, hint=hint)
-
-
 def _refuse_aliases(sessions: Sessions, conditions: Conditions) -> None:
     """Refuse the first term that the terms before it, and the environments, already determine."""
     table = sessions.table
-    columns = pd.get_dummies(table["environment"], dtype=float).to_numpy()
+    environments = table["environment"]
     if sessions.factors is not None:
-        names = [sessions.factors.cells[cell][0] for cell in table["environment"]]
-        columns = pd.get_dummies(pd.Series(names), dtype=float).to_numpy()
+        cells = sessions.factors.cells
+        environments = environments.map({cell: name for cell, (name, _) in cells.items()})
+    columns = pd.get_dummies(environments, dtype=float).to_numpy()
     rank = np.linalg.matrix_rank(columns)
-    named = [*conditions.terms, *((name,) for name in conditions.covariates)]
-    for term in named:
+    for term in [*conditions.terms, *((name,) for name in conditions.covariates)]:
         if term[0] in conditions.covariates:
             added = in_sds(table[list(term)].astype(float))
         else:
@@ -212,3 +208,82 @@ def in_sds(covariates: pd.DataFrame) -> Array:
     values = covariates.to_numpy(dtype=float)
     centred = values - values.mean(axis=0)
     return np.asarray(centred / values.std(axis=0))
+
+
+def at_typical_references(sessions: Sessions, scene: Scene) -> Sessions:
+    """Restate every adjustment at its environment's geometric mean of references.
+
+    The column `reference` keeps how far each trial's own lies above that mean, in decades. Sessions
+    with one environment get several: ranges of references with about equal numbers of trials.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        Read with `[model] bias = "reference"`.
+    scene : Scene
+        Which quantities are analysed.
+
+    Returns
+    -------
+    Sessions
+
+    Raises
+    ------
+    UsageError
+        References that do not vary within environments, vary in two quantities, or have no
+        logarithm.
+    """
+    if TRIAL_REFERENCE in sessions.table:
+        return sessions
+    column = _varying(sessions, scene)
+    table = sessions.table.copy()
+    if table["environment"].nunique() == 1:
+        table["environment"] = _ranges(table[column])
+    log_reference = np.log(table[column])
+    log_mean = log_reference.groupby(table["environment"]).transform("mean")
+    log_ratio = log_reference - log_mean
+    adjusted = f"{quantity_of(column)}_adj"
+    table[TRIAL_REFERENCE] = log_ratio / np.log(10.0)
+    table[adjusted] *= np.exp(-log_ratio)
+    table[column] = np.exp(log_mean)
+    text = f"{adjusted} is restated at the geometric mean of each environment's {column}"
+    notices = (*sessions.notices, Notice(text, column=column))
+    return dataclasses.replace(sessions, table=table, notices=notices)
+
+
+def _varying(sessions: Sessions, scene: Scene) -> str:
+    """Name the one column of references that vary within environments; refuse none, or several."""
+    asked = scene.inference.parameters
+    parameters = analysed_parameters(sessions.parameters, asked, sessions.quantities)
+    columns = [f"{parameter}_ref" for parameter in parameters]
+    counts = sessions.table.groupby("environment")[columns].nunique().max()
+    varying = [column for column in columns if counts[column] > 1]
+    key = "model.bias"
+    if not varying:
+        message = (
+            "every environment has one reference: the model already has the trend over references."
+        )
+        raise UsageError(message, key=key, value=TRIAL_REFERENCE, hint="Leave it out.")
+    if len(varying) > 1:
+        message = f"{' and '.join(varying)} vary by trial."
+        hint = f'Analyse one of them: [inference] parameters = ["{quantity_of(varying[0])}"].'
+        raise UsageError(message, key=key, value=TRIAL_REFERENCE, hint=hint)
+    (column,) = varying
+    low = sessions.table[column].min()
+    if low <= 0.0:
+        message = (
+            "a trial's own reference must be positive: references are compared by their logarithms."
+        )
+        hint = "Leave these trials out: [sessions] exclude."
+        raise UsageError(message, column=column, value=float(low), hint=hint)
+    return column
+
+
+def _ranges(references: pd.Series[float]) -> pd.Series[str]:
+    """Name the range that each reference lies in, by the range's ends."""
+    # Ranges have equal numbers of trials; quantiles that ties make equal are dropped.
+    number = pd.qcut(references, _RANGES, labels=False, duplicates="drop")
+    ends = references.groupby(number).agg(["min", "max"])
+    # A range that ties leave empty is missing here: names go by number, not by place.
+    names = [f"{low:.6g} to {high:.6g}" for low, high in ends.to_numpy().tolist()]
+    return number.map(dict(zip(ends.index, names, strict=True)))

@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cached_property
+from pathlib import PurePath
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from percept import results
 from percept.errors import PerceptError, RefusalError
 from percept.inference.classical.moments import Moments
 from percept.inference.classical.trials import check_normality, subject_means
 from percept.inference.record import Family
-from percept.results import CellValues, DesignCounts, NormalityTest, SubjectRow
+from percept.results import (
+    CellValues,
+    DesignCounts,
+    LeftOutRow,
+    NormalityTest,
+    Note,
+    SubjectRow,
+    Words,
+)
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.doubts import empty_cells
 from percept.sessions.quantities import Quantities, Quantity, is_impedance
+from percept.sessions.records import Notice
 from percept.study.basics import FAMILIES, Array, References, analysed_parameters
 from percept.study.conditions import Conditions, conditions_of
 from percept.study.responses import Trials, trials
@@ -154,7 +165,7 @@ class Data:
         return self._trials[key]
 
     @cached_property
-    def _tables(self) -> dict[str, pd.DataFrame]:
+    def tables(self) -> dict[str, pd.DataFrame]:
         """Rows of the sessions by environment."""
         return dict(self.sessions.by_environment())
 
@@ -163,14 +174,14 @@ class Data:
 
         Of trials with all of P parameters; RefusalError where a value has no logarithm.
         """
-        subjects, adjusted = self._adjusted(environment, parameters)
+        subjects, adjusted = self.adjusted(environment, parameters)
         columns = [subject_means(values, subjects, family=family).values for values in adjusted.T]
         return np.stack(columns, axis=1)
 
-    def _adjusted(self, environment: str, parameters: tuple[str, ...]) -> tuple[_Names, Array]:
+    def adjusted(self, environment: str, parameters: tuple[str, ...]) -> tuple[_Names, Array]:
         """Subjects of the trials with all of P parameters, (M,), and their values, (M, P)."""
         columns = [f"{parameter}_adj" for parameter in parameters]
-        complete = self._tables[environment].dropna(subset=columns)
+        complete = self.tables[environment].dropna(subset=columns)
         return complete["subject"].to_numpy(dtype=object), complete[columns].to_numpy(dtype=float)
 
     @cached_property
@@ -183,11 +194,9 @@ class Data:
         """Make a cell of its moments, or of why there are none, such as no scatter."""
         quantity = self.quantities[parameter]
         if self.sessions.form == "summary":
-            moments_or_why = _published_moments(self._tables[environment], parameter, family)
+            moments_or_why = _published_moments(self.tables[environment], parameter, family)
         else:
-            moments_or_why = _moments_of_subjects(
-                *self._adjusted(environment, (parameter,)), family
-            )
+            moments_or_why = _moments_of_subjects(*self.adjusted(environment, (parameter,)), family)
         if isinstance(moments_or_why, str):
             return Cell(quantity, environment, None, moments_or_why)
         if np.all(moments_or_why.sd == 0):
@@ -214,96 +223,6 @@ class Data:
                 tests.append(NormalityTest(environment, parameter, **vars(test)))
         return tuple(tests)
 
-    @cached_property
-    def values_by_cell(self) -> tuple[CellValues, ...]:
-        """What was adjusted in each cell, on no scale: values, mean and SD."""
-        if self.sessions.form != "trials":
-            return ()
-        return tuple(
-            self._values_of_cell(environment, parameter)
-            for environment in self.environments
-            for parameter in self.sessions.parameters
-        )
-
-    def _values_of_cell(self, environment: str, parameter: str) -> CellValues:
-        """Make a record of subjects' means in one cell, in the parameter's unit."""
-        subjects, adjusted = self._adjusted(environment, (parameter,))
-        values = subject_means(adjusted[:, 0], subjects).values.tolist() if len(subjects) else []
-        moments = Moments.from_values(values) if len(values) > 1 else None
-        return CellValues(
-            environment=environment,
-            parameter=parameter,
-            reference=float(self._tables[environment][f"{parameter}_ref"].iloc[0]),
-            n=len(values),
-            mean=float(moments.mean) if moments else next(iter(values), None),
-            sd=float(moments.sd) if moments else None,
-            values=tuple(values),
-            unit=self.quantities[parameter].unit,
-        )
-
-    @cached_property
-    def design_counts(self) -> DesignCounts | None:
-        """Numbers of trials, sessions and cells; None for published limits."""
-        if self.sessions.form != "trials":
-            return None
-        table = self.sessions.table
-        trials_of_cell = table.groupby(["subject", "environment"], sort=False).size()
-        visits = table.groupby("subject", sort=False)["session"].nunique()
-        missing = sum(1 for _ in empty_cells(table, self.sessions.factors))
-        return DesignCounts(
-            cells=len(trials_of_cell) + missing,
-            missing=missing,
-            trials=(int(trials_of_cell.min()), int(trials_of_cell.max())),
-            sessions=(int(visits.min()), int(visits.max())),
-        )
-
-    @cached_property
-    def people(self) -> tuple[SubjectRow, ...]:
-        """What every subject adjusted, by quantity; empty for published limits.
-
-        Deviations from references are logarithms of ratios (lognormal), relative (normal, and where
-        a value has no logarithm), or differences where a reference is not positive.
-        """
-        if self.sessions.form != "trials":
-            return ()
-        by_parameter = map(self._subject_rows, self.sessions.parameters)
-        return tuple(itertools.chain.from_iterable(by_parameter))
-
-    def _subject_rows(self, parameter: str) -> Iterator[SubjectRow]:
-        """Yield what every subject adjusted of one quantity."""
-        columns = [f"{parameter}_ref", f"{parameter}_adj"]
-        rows = self.sessions.table.dropna(subset=columns)
-        reference, adjusted = rows[columns].to_numpy(dtype=float).T
-        relative = bool((reference > 0).all())
-        log = relative and self.asked.family == "lognormal" and bool((adjusted > 0).all())
-        deviation = adjusted - reference
-        if log:
-            deviation = np.log(adjusted / reference)
-        elif relative:
-            deviation = adjusted / reference - 1.0
-        by_cell = rows.assign(deviation=deviation).groupby(["subject", "environment"])
-        cells = by_cell["deviation"].mean().unstack()
-        # Environments are centred, so that subjects with different environments compare.
-        centred = (cells - cells.mean()).mean(axis=1)
-        trial_counts = rows["subject"].value_counts()
-        for subject in self.sessions.subjects:
-            if subject not in cells.index:
-                continue
-            values = cells.loc[subject].dropna().to_numpy(dtype=float)
-            mean = float(values.mean())
-            yield SubjectRow(
-                subject=subject,
-                parameter=parameter,
-                n=len(values),
-                trials=int(trial_counts[subject]),
-                relative=relative,
-                log=log,
-                mean=float(np.expm1(mean)) if log else mean,
-                sd=float(values.std(ddof=1)) if len(values) > 1 else None,
-                distance=_distance(centred, subject),
-                unit="" if relative else self.quantities[parameter].unit,
-            )
-
 
 def _moments_of_subjects(subjects: _Names, adjusted: Array, family: Family) -> Moments | str:
     """Moments of the subjects' means of one parameter, or why there are none."""
@@ -325,6 +244,127 @@ def _published_moments(table: pd.DataFrame, parameter: str, family: Family) -> M
     if family == "lognormal" and np.any(moments.mean <= 0):
         return "the published mean is zero or negative"
     return moments
+
+
+def what_was_read(data: Data) -> results.Data:
+    """Say what was read: subjects, quantities, notices, and every cell's values."""
+    sessions = data.sessions
+    factors = sessions.factors
+    exclusions = []
+    for row in sessions.exclusions:
+        exclusions.append(LeftOutRow(row.who, row.what, row.why, _name(row.file), row.row))
+    cells = itertools.product(data.environments, sessions.parameters)
+    people = itertools.chain.from_iterable(_people(data, name) for name in sessions.parameters)
+    has_trials = sessions.form == "trials"
+    return results.Data(
+        form=sessions.form,
+        simulated=sessions.simulated,
+        subjects=len(sessions.subjects),
+        rows=len(sessions.table),
+        environments=sessions.environments,
+        references=len(factors.environments if factors else sessions.environments),
+        factor=factors.name if factors else None,
+        parameters=sessions.parameters,
+        quantities={name: sessions.quantities[name] for name in sessions.parameters},
+        words=_words(data),
+        counts=dict(sessions.counts),
+        notices=_notes(sessions.notices),
+        doubts=_notes(sessions.warnings),
+        exclusions=tuple(exclusions),
+        design=_design(sessions) if has_trials else None,
+        cells=tuple(_values(data, *cell) for cell in cells) if has_trials else (),
+        people=tuple(people) if has_trials else (),
+    )
+
+
+def _words(data: Data) -> Words:
+    """Return the study's words; without a reference people give values unless the scene says."""
+    scene = data.scene
+    quantities = [data.sessions.quantities[name] for name in data.sessions.parameters]
+    verb = scene.study.verb
+    if verb == "set" and not any(quantity.is_matched for quantity in quantities):
+        verb = "gave"
+    return Words(*scene.environment_noun, *scene.study.subject, *scene.user_noun, verb)
+
+
+def _notes(notices: Iterable[Notice]) -> tuple[Note, ...]:
+    return tuple(Note(notice.text, _name(notice.file), notice.row) for notice in notices)
+
+
+def _name(file: str | None) -> str | None:
+    """Return a file's name without its folders, which are nobody else's business."""
+    return PurePath(file).name if file else None
+
+
+def _design(sessions: Sessions) -> DesignCounts:
+    """Count trials, sessions and cells."""
+    table = sessions.table
+    trials_of_cell = table.groupby(["subject", "environment"], sort=False).size()
+    visits = table.groupby("subject", sort=False)["session"].nunique()
+    missing = sum(1 for _ in empty_cells(table, sessions.factors))
+    return DesignCounts(
+        cells=len(trials_of_cell) + missing,
+        missing=missing,
+        trials=(int(trials_of_cell.min()), int(trials_of_cell.max())),
+        sessions=(int(visits.min()), int(visits.max())),
+    )
+
+
+def _values(data: Data, environment: str, parameter: str) -> CellValues:
+    """Say what was adjusted in one cell, on no scale: subjects' means, their mean and SD."""
+    subjects, adjusted = data.adjusted(environment, (parameter,))
+    values = subject_means(adjusted[:, 0], subjects).values.tolist() if len(subjects) else []
+    moments = Moments.from_values(values) if len(values) > 1 else None
+    return CellValues(
+        environment=environment,
+        parameter=parameter,
+        reference=float(data.tables[environment][f"{parameter}_ref"].iloc[0]),
+        n=len(values),
+        mean=float(moments.mean) if moments else next(iter(values), None),
+        sd=float(moments.sd) if moments else None,
+        values=tuple(values),
+        unit=data.quantities[parameter].unit,
+    )
+
+
+def _people(data: Data, parameter: str) -> Iterator[SubjectRow]:
+    """Yield what every subject adjusted of one quantity.
+
+    Deviations from references are logarithms of ratios (lognormal), relative (normal, and where a
+    value has no logarithm), or differences where a reference is not positive.
+    """
+    columns = [f"{parameter}_ref", f"{parameter}_adj"]
+    rows = data.sessions.table.dropna(subset=columns)
+    reference, adjusted = rows[columns].to_numpy(dtype=float).T
+    relative = bool((reference > 0).all())
+    log = relative and data.asked.family == "lognormal" and bool((adjusted > 0).all())
+    deviation = adjusted - reference
+    if log:
+        deviation = np.log(adjusted / reference)
+    elif relative:
+        deviation = adjusted / reference - 1.0
+    by_cell = rows.assign(deviation=deviation).groupby(["subject", "environment"])
+    cells = by_cell["deviation"].mean().unstack()
+    # Environments are centred, so that subjects with different environments compare.
+    centred = (cells - cells.mean()).mean(axis=1)
+    trial_counts = rows["subject"].value_counts()
+    for subject in data.sessions.subjects:
+        if subject not in cells.index:
+            continue
+        values = cells.loc[subject].dropna().to_numpy(dtype=float)
+        mean = float(values.mean())
+        yield SubjectRow(
+            subject=subject,
+            parameter=parameter,
+            n=len(values),
+            trials=int(trial_counts[subject]),
+            relative=relative,
+            log=log,
+            mean=float(np.expm1(mean)) if log else mean,
+            sd=float(values.std(ddof=1)) if len(values) > 1 else None,
+            distance=_distance(centred, subject),
+            unit="" if relative else data.quantities[parameter].unit,
+        )
 
 
 def _distance(centred: pd.Series[float], subject: str) -> float | None:

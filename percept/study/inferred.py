@@ -24,9 +24,9 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.contrasts import anova_rows, classical_contrasts, level_values
 from percept.study.data import Data
+from percept.study.equivalence import equivalence
 from percept.study.intervals import COLUMNS, classical_rows, method_pairs
-from percept.study.psychophysics.classical import absent_jnds, classical_psychophysics
-from percept.study.psychophysics.equivalence import equivalence
+from percept.study.psychophysics import absent_jnds, classical_psychophysics
 from percept.study.responses import refuse_lone_subject
 
 # What imports the hierarchical model is imported where it is needed: the classical method does
@@ -133,7 +133,7 @@ class Inferred:
         if self.data.asked.method != "bayesian":
             yield from classical_psychophysics(self.data)
         if self.passed is not None:
-            from percept.study.psychophysics.posterior import posterior_psychophysics
+            from percept.study.posterior_psychophysics import posterior_psychophysics
 
             yield from posterior_psychophysics(self.passed)
 

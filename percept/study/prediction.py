@@ -15,13 +15,14 @@ from percept.html import NotebookRecord
 from percept.inference.model.laws import Joint
 from percept.inference.model.limits import Limits
 from percept.inference.model.predictions import new_environment, new_name
+from percept.inference.sampling.endpoints import batch_errors
 from percept.results import Boundary, IntervalRow, Skipped
 from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.study.basics import Array, Stream, claim_of, generator
 from percept.study.boundaries import BoundaryDrawing
 from percept.study.fit import Fit
 from percept.study.intervals import bayesian_row
-from percept.study.regions import Law, LawKind, PosteriorPairs, posterior_law, regions_of
+from percept.study.regions import Law, posterior_laws, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
 if TYPE_CHECKING:
@@ -119,8 +120,10 @@ def predict(
     if study.setup is not None and data.is_impedance:
         laws: list[Law] = []
         if data.sessions.form == "trials":
+            batch = np.repeat(fit.run.batches(), _REPEATS)
+            n = int(fit.counts.max())
             for condition, users in expected.items():
-                laws += _laws(fit, users, new_name(condition), scale)
+                laws += posterior_laws(new_name(condition), users, batch, n, scale, data.asked)
         names = [new_name(condition) for condition in expected]
         k, b = values.tolist()
         environment = haptics.Environment(stiffness=k, damping=b, mass=mass)
@@ -201,14 +204,11 @@ def _rows(
     asked = fit.data.asked
     limits = Limits(fit.model, **claim_of(asked))
     moments = users.moments()
-    batch = fit.run.batches()
+    # A draw's repeats belong together.
+    batch = np.repeat(fit.run.batches(), _REPEATS)
     for kind in asked.kinds:
         lower, upper, influence = limits.of(kind, moments)
-        # A draw's repeats belong together; means over batches of draws are independent.
-        of_draws = influence.reshape(len(batch), -1, influence.shape[1]).mean(axis=1)
-        means = [of_draws[batch == number].mean(axis=0) for number in np.unique(batch)]
-        errors = np.std(means, axis=0, ddof=1) / np.sqrt(len(means))
-        worst = errors.reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
+        worst = batch_errors(influence, batch).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
         with np.errstate(over="ignore", under="ignore"):
             ends = scale.native(np.stack([lower, upper, moments.mean.mean(axis=0)]))
         for p, parameter in enumerate(fit.parameters):
@@ -222,19 +222,3 @@ def _rows(
                 repeats=fit.repeats,
             )
             yield row, float(worst[p])
-
-
-def _laws(fit: Fit, users: Joint, name: str, scale: ResponseScale) -> Iterator[Law]:
-    """Yield the laws of the average and the next user of the environment."""
-    asked = fit.data.asked
-    n = int(fit.counts.max())
-    batch = np.repeat(fit.run.batches(), _REPEATS)
-    centre = users.mean[:, 0]
-    location = users.location[:, 0]
-    # The average does not depend on the spread, which takes the repeats.
-    mean = PosteriorPairs(centre[::_REPEATS], location[::_REPEATS], batch[::_REPEATS], n)
-    user = PosteriorPairs(centre, location + users.users[:, 0], batch, n)
-    drawn: Mapping[LawKind, PosteriorPairs] = {"mean": mean, "user": user}
-    for kind, pairs in drawn.items():
-        if kind in asked.kinds:
-            yield posterior_law(name, kind, pairs, scale, asked)

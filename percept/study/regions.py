@@ -22,6 +22,7 @@ from percept.study.basics import FAMILIES, Array
 from percept.study.data import Data
 
 if TYPE_CHECKING:
+    from percept.inference.model.laws import Joint
     from percept.study.fit import Fit
     from percept.study.responses import ResponseScale
 
@@ -86,16 +87,6 @@ class SubjectPairs:
     environment: str
     k: Array  # (N,) N/m
     b: Array  # (N,) N·s/m
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class PosteriorPairs:
-    """What S posterior draws say of stiffness and damping in an environment, as responses."""
-
-    mean: Array  # (S, 2)
-    covariance: Array  # (S, 2, 2)
-    batch: NDArray[np.intp]  # (S,) number of each draw's batch
-    n: int  # Subjects
 
 
 def displayable(values: Array) -> Array:
@@ -218,7 +209,7 @@ def laws_of(
     for of_subjects in pairs:
         laws += _classical_laws(of_subjects, kinds, asked.level)
     if fit is not None and is_impedance(fit.parameters):
-        laws += _posterior_laws(fit, asked, kinds)
+        laws += _laws_of_fit(fit, asked)
     return tuple(laws)
 
 
@@ -244,45 +235,47 @@ def _classical_laws(pairs: SubjectPairs, kinds: Sequence[LawKind], level: float)
             )
 
 
-def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[LawKind]) -> Iterator[Law]:
+def _laws_of_fit(fit: Fit, asked: InferenceTable) -> Iterator[Law]:
+    """Yield the laws of each environment, where one model has both quantities."""
     parts = fit.model.split(fit.points)
     if len(parts) != 1:
         return
     ((density, points),) = parts
-    pairs = density.joint(points, density.pair_rows)
+    pairs = density.joint(points, density.pair_rows).apart()
     batch = fit.run.batches()
-    for j, environment in enumerate(fit.environments):
+    for environment, of_environment in zip(fit.environments, pairs, strict=True):
         cells = [fit.column[parameter, environment] for parameter in ("k", "b")]
-        origin = fit.scale.origin[cells]
-        unit = fit.scale.unit[cells]
-        scale = dataclasses.replace(fit.scale, origin=origin, unit=unit)
         n = int(fit.counts[cells[0]])
-        for kind in kinds:
-            covariance = pairs.location[:, j]
-            if kind == "user":
-                covariance = covariance + pairs.users[:, j]
-            drawn = PosteriorPairs(pairs.mean[:, j], covariance, batch, n)
-            yield posterior_law(environment, kind, drawn, scale, asked)
+        scale = fit.scale.at(cells)
+        yield from posterior_laws(environment, of_environment, batch, n, scale, asked)
 
 
-def posterior_law(
+def posterior_laws(
     environment: str,
-    kind: LawKind,
-    drawn: PosteriorPairs,
+    pairs: Joint,
+    batch: NDArray[np.intp],
+    n: int,
     scale: ResponseScale,
     asked: InferenceTable,
-) -> Law:
-    """Return the law of k and b that mixes the normals of all posterior draws."""
-    centre = np.log(scale.origin) if scale.log else scale.origin
-    mean = centre + scale.unit * drawn.mean
-    covariance = np.multiply.outer(scale.unit, scale.unit) * drawn.covariance
-    pair = mixture_law(mean, covariance, drawn.batch, asked.family)
-    return Law(
-        environment=environment,
-        kind=kind,
-        method="bayesian",
-        family=asked.family,
-        level=asked.level,
-        pair=pair,
-        ellipse=pair.ellipse(kind=kind, level=asked.level, n=drawn.n),
-    )
+) -> Iterator[Law]:
+    """Yield the laws of k and b of the average and the next user, from n subjects.
+
+    They mix the normal laws of all posterior draws, whose batches are given.
+    """
+    mean = scale.centre + scale.unit * pairs.mean[:, 0]
+    units = np.multiply.outer(scale.unit, scale.unit)
+    for kind in _LAW_KINDS:
+        if kind in asked.kinds:
+            covariance = pairs.location[:, 0]
+            if kind == "user":
+                covariance = covariance + pairs.users[:, 0]
+            pair = mixture_law(mean, units * covariance, batch, asked.family)
+            yield Law(
+                environment=environment,
+                kind=kind,
+                method="bayesian",
+                family=asked.family,
+                level=asked.level,
+                pair=pair,
+                ellipse=pair.ellipse(kind=kind, level=asked.level, n=n),
+            )

@@ -48,6 +48,11 @@ class ResponseScale:
             return cls(True, reference.ravel(), np.ones(reference.size))
         return cls(False, reference.ravel(), (reference if unit is None else unit).ravel())
 
+    @property
+    def centre(self) -> Array:
+        """What a response of zero stands for; of logarithms, its logarithm."""
+        return np.log(self.origin) if self.log else self.origin
+
     def at(self, cell: int | list[int]) -> ResponseScale:
         """Return the scale of one cell, or of some."""
         return ResponseScale(self.log, self.origin[cell], self.unit[cell])

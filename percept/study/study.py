@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import nullcontext
 from functools import partial
-from pathlib import Path
+from importlib import metadata
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+import percept
 from percept import results
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import fields_html
@@ -18,16 +21,19 @@ from percept.results import (
     Checks,
     Coupling,
     Diagnostics,
+    GateVerdict,
+    Prior,
     Provenance,
     Results,
     Skipped,
+    SourceFile,
+    plain,
 )
 from percept.scene import Scene
 from percept.sessions import Sessions, read_sessions
-from percept.study import records
-from percept.study.basics import select
+from percept.study.basics import known, select
 from percept.study.conditions import told_apart
-from percept.study.data import Data
+from percept.study.data import Data, what_was_read
 from percept.study.displayed import Displayed
 
 if TYPE_CHECKING:
@@ -35,6 +41,8 @@ if TYPE_CHECKING:
     from percept.study.fit import RunStore
 
 
+#: Libraries whose versions decide the last digits of a result.
+_PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
 #: More environments than anybody tests: their contrasts and page would take hours.
 _MOST_ENVIRONMENTS = 1_000
 #: Parts that may skip something, in the order in which `Study.skipped` lists it.
@@ -157,17 +165,42 @@ class Study(Displayed):
     @property
     def read(self) -> results.Data:
         """What was read: subjects, quantities, notices, and every cell's values."""
-        return records.what_was_read(self.data)
+        return what_was_read(self.data)
 
     @property
     def provenance(self) -> Provenance:
         """What the results are made from: versions, seed, files and scene."""
-        return records.provenance_of(self.sessions, self.scene)
+        versions = {"percept": percept.__version__, "python": platform.python_version()}
+        versions |= {package: metadata.version(package) for package in _PACKAGES}
+        files = []
+        for source in self.sessions.sources:
+            files.append(SourceFile(PurePath(source.name).name, source.sha256, source.rows))
+        seed = self.scene.inference.seed
+        return Provenance(versions, seed, tuple(files), plain(self.scene.to_dict()))
 
     @property
     def diagnostics(self) -> Diagnostics | None:
         """How the fit was sampled; None without one."""
-        return records.diagnostics_of(self.fit)
+        fit = self.fit
+        if fit is None:
+            return None
+        from percept.inference.model.priors import MEANINGS
+
+        ensembles, _, walkers, dimension = fit.run.points.shape
+        gate = dict(vars(fit.run.gate))
+        for name, value in list(gate.items()):
+            # A run too short for a measure leaves it unknown.
+            gate[name] = known(value) if isinstance(value, float) else value
+        priors = fit.model.priors_in_force
+        return Diagnostics(
+            gate=GateVerdict(**gate),
+            steps=fit.run.steps,
+            ensembles=ensembles,
+            walkers=walkers,
+            dimension=dimension,
+            tolerance=fit.run.settings.tolerance,
+            priors=tuple(Prior(name, value, MEANINGS[name]) for name, value in priors.items()),
+        )
 
     @property
     def all_checks(self) -> Checks | None:

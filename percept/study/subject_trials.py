@@ -6,8 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from percept.inference.model.subject_spreads import chance_of_differences
-from percept.inference.model.trials import trial_scatter
 from percept.results import Skipped
 from percept.scene import Scene
 from percept.study.basics import Array
@@ -17,8 +15,6 @@ from percept.study.responses import Trials
 _MOST_SUBJECTS = 60
 #: Trial degrees of freedom of the median subject: with fewer, one SD is known to a quarter at best.
 _LEAST_TRIAL_DF = 8
-#: Probability below which differences between subjects' trial SDs are not put down to chance.
-_DOUBTFUL = 0.01
 
 
 def own_trial_sds(data: Trials, scene: Scene) -> bool | Skipped:
@@ -29,7 +25,7 @@ def own_trial_sds(data: Trials, scene: Scene) -> bool | Skipped:
     if not why_not:
         return True
     what = " and ".join(scene.quantities[p].label for p in data.parameters)
-    return Skipped(f"subjects' own trial SDs of {what}", why_not + _differences(data))
+    return Skipped(f"subjects' own trial SDs of {what}", why_not)
 
 
 def _why_not(data: Trials, scene: Scene) -> str:
@@ -111,13 +107,3 @@ def _vanishing(df: Array, scatters: NDArray[np.bool_]) -> NDArray[np.intp]:
     if trials @ moves > -0.5:
         vanishes[:] = False
     return np.unique(cell[vanishes])
-
-
-def _differences(data: Trials) -> str:
-    """Say whether subjects' trial SDs differ more than chance lets them."""
-    scatter = trial_scatter(data.response, data.subject, data.environment)
-    chances = chance_of_differences(scatter, len(data.subjects), len(data.environments))
-    smallest = min(1.0, chances.min() * len(chances))
-    if smallest >= _DOUBTFUL:
-        return ""
-    return f". They differ beyond chance (p = {smallest:.1g}), which the model does not know"

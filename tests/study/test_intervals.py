@@ -10,7 +10,7 @@ import pytest
 from percept import Scene, read_sessions
 from percept.results import CellValues, IntervalRow
 from percept.sessions import Sessions
-from percept.study.data import Data
+from percept.study.data import Data, what_was_read
 from percept.study.intervals import method_pairs
 from tests import DATASETS
 
@@ -22,7 +22,7 @@ def sessions_of(rows):
 
 
 def values_of(sessions):
-    return Data(sessions, Scene()).values_by_cell
+    return what_was_read(Data(sessions, Scene())).cells
 
 
 def test_subjects_count_once_by_the_mean_of_their_trials():

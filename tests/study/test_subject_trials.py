@@ -6,8 +6,6 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study
-from percept.inference.model.subject_spreads import chance_of_differences
-from percept.inference.model.trials import trial_scatter
 from percept.sessions import ReadOptions, Sessions
 from percept.study.prepare import prepare
 
@@ -69,10 +67,9 @@ def test_each_subject_has_the_trial_sd_that_was_planted(found):
 
 
 def test_a_single_trial_sd_is_told_on():
-    reasons = [part.why for part in prepared(table(), subjects_trial_sd=False).skipped]
-    assert reasons[0].startswith("[model] subjects_trial_sd = false. They differ beyond chance (p")
-    alike = [part.why for part in prepared(table(sds=[0.07] * 6), subjects_trial_sd=False).skipped]
-    assert alike == ["[model] subjects_trial_sd = false"]
+    (skipped,) = prepared(table(), subjects_trial_sd=False).skipped
+    assert skipped.what == "subjects' own trial SDs of stiffness"
+    assert skipped.why == "[model] subjects_trial_sd = false"
 
 
 def prepared(made, **model):
@@ -131,21 +128,6 @@ def test_repeats_without_scatter_are_named(alike, why, setting):
     (skipped,) = found.skipped
     assert skipped.why.startswith(why)
     assert not has_own(found)
-
-
-def test_subjects_with_one_trial_sd_seldom_seem_to_differ():
-    """The probability is uniform if nothing differs, within Monte Carlo error."""
-    rng = np.random.default_rng(9)
-    subject = np.repeat(np.arange(5), 24)
-    cell = np.tile(np.repeat(np.arange(4), 6), 5)
-    spread = np.array([0.5, 1.0, 2.0, 1.0])[cell]
-    chances = []
-    for _ in range(300):
-        response = spread[:, None] * rng.normal(size=(120, 2))
-        scatter = trial_scatter(response, subject, cell)
-        chances.append(chance_of_differences(scatter, 5, 4))
-    for of_quantity in np.array(chances).T:
-        assert stats.kstest(of_quantity, "uniform").pvalue > 1e-3
 
 
 def test_groups_with_trial_sds_of_their_own_have_jnds_of_their_own():

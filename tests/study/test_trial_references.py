@@ -10,7 +10,7 @@ from scipy import stats
 from percept import Scene, Study
 from percept.errors import RefusalError, UsageError
 from percept.sessions import Sessions
-from percept.study.trial_references import at_typical_references
+from percept.study.conditions import at_typical_references
 from tests.documents import build_document
 
 SLOPE = 0.25

@@ -24,11 +24,10 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from percept.inference.model.statistics import TrialScatter
 
-__all__ = ["SubjectSpreads", "chance_of_differences"]
+__all__ = ["SubjectSpreads"]
 
 Array = NDArray[np.float64]
 
@@ -92,54 +91,6 @@ def _log_sd(
     # A log SD of zero stands where there is no scatter.
     positive = np.where(variance > 0.0, variance, 1.0)
     return 0.5 * np.log(positive)
-
-
-def chance_of_differences(
-    scatter: TrialScatter,
-    subjects: int,
-    cells: int,
-) -> Array:
-    """Probability that subjects of equal trial SD differ by chance as much as these subjects do.
-
-    The log of a sample SD of nu degrees of freedom has the variance psi'(nu/2)/4 about
-    log sigma + (psi(nu/2) - log(nu/2))/2, with psi the digamma function (Bartlett and Kendall,
-    1946). The weighted squares of log SDs about their mean then follow a chi-squared law roughly.
-
-    Parameters
-    ----------
-    scatter : TrialScatter
-        Of every subject by itself.
-    subjects, cells : int
-        Numbers of subjects N and of cells.
-
-    Returns
-    -------
-    ndarray
-        A probability for each quantity, (P,); one where fewer than two subjects repeat trials.
-        Subjects whose repeats are all equal do not count.
-    """
-    table = _Table.of(scatter, subjects, cells)
-    half_df = 0.5 * table.df.sum(axis=2)
-    log_sds = table.rough_log_sds()
-    chances = []
-    for p in range(len(log_sds)):
-        informed = half_df[p] > 0.0
-        chances.append(_chance_of(log_sds[p, informed], half_df[p, informed]))
-    return np.array(chances)
-
-
-def _chance_of(log_sd: Array, half_df: Array) -> float:
-    """Probability that log SDs (N,) of one quantity differ by chance as much as they do."""
-    if len(log_sd) < 2:
-        return 1.0
-    twice_bias = special.digamma(half_df) - np.log(half_df)
-    unbiased = log_sd - 0.5 * twice_bias
-    weight = 4.0 / special.polygamma(1, half_df)
-    mean = np.average(unbiased, weights=weight)
-    departure = unbiased - mean
-    squares = departure**2 @ weight
-    df = len(log_sd) - 1
-    return float(special.chdtrc(df, squares))
 
 
 class SubjectSpreads:

@@ -26,7 +26,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,13 @@ from scipy.interpolate import CubicHermiteSpline
 
 from percept.searches import root
 
-__all__ = ["mixture_limits", "mixture_quantile", "share_content", "share_half_width"]
+__all__ = [
+    "batch_errors",
+    "mixture_limits",
+    "mixture_quantile",
+    "share_content",
+    "share_half_width",
+]
 
 Array = NDArray[np.float64]
 
@@ -55,6 +61,28 @@ _FRACTION_CARRYING = 0.02
 #: Of the probability that the interval may fail with, the fraction left out beyond the bracket of a
 #: share's half-width: at the bracket's end even the worst draw fails a thousand times less often.
 _BRACKET_TAIL = 1e-3
+
+
+def batch_errors(values: NDArray[Any], batch: NDArray[np.intp]) -> Array:
+    """Return standard errors of the means of values, from the scatter of batches of draws.
+
+    What is slow to mix errs by more than as many independent draws would. Batches of walkers are
+    independent.
+
+    Parameters
+    ----------
+    values : ndarray, shape (S, Q)
+        Q values of each of S draws.
+    batch : ndarray of int, shape (S,)
+        Number of each draw's batch, from 0.
+
+    Returns
+    -------
+    ndarray, shape (Q,)
+    """
+    sizes = np.bincount(batch)
+    means = [np.bincount(batch, column) / sizes for column in values.T]
+    return np.asarray(np.std(means, axis=1, ddof=1) / math.sqrt(len(sizes)))
 
 
 def mixture_quantile(

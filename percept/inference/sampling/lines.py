@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from percept.inference.sampling.endpoints import batch_errors
 from percept.inference.sampling.gate import Run
 from percept.inference.sampling.target import Target
 
@@ -139,8 +140,6 @@ def _limits(values: Array, weights: Array, batch: NDArray[np.intp], tails: Array
         ends = np.interp([below - 0.5 * tail, below + 0.5 * tail], cumulative, ordered)
         density = tail / (ends[1] - ends[0])
         beyond = (weights * (values <= limit)).sum(axis=1)
-        batches = np.unique(batch)
-        means = np.array([beyond[batch == number].mean() for number in batches])
-        spread = means.std(ddof=1) / np.sqrt(len(batches))
+        (spread,) = batch_errors(beyond[:, None], batch)
         errors.append(spread / density / half_width)
     return LineLimits(float(lower), float(upper), float(median), float(max(errors)))

@@ -1,15 +1,19 @@
-"""Classical rows of the psychophysics table: by t, χ², F and Fisher's z."""
+"""The psychophysics table: its rows by any method, and the classical ones by t, χ², F and z.
+
+SDs are of responses; a row says what they are in the quantity's unit.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from percept.errors import RefusalError
 from percept.inference.classical.variability import (
+    Bounded,
     MeanSquares,
     component_sd,
     correlation,
@@ -19,26 +23,142 @@ from percept.inference.classical.variability import (
     sd_interval,
     trial_mean_squares,
 )
-from percept.results import PsychophysicsRow, Skipped
-from percept.study.data import Cell, Data
-from percept.study.psychophysics.rows import Measured
+from percept.inference.record import Method
+from percept.results import Measure, PsychophysicsRow, Skipped
+from percept.study.basics import Array
+from percept.study.data import Data
 from percept.study.responses import Trials
+
+#: The quartile of a standard normal: half of all adjustments lie within so many SDs.
+_QUARTILE = 0.6744897501960817
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Measured:
+    """A quantity in an environment, or over all, by one method: what its numbers say as rows."""
+
+    data: Data
+    method: Method
+    parameter: str  # Of a correlation both, as "k, b"
+    environment: str | None  # None over all environments
+    n: int  # Subjects
+    unit: float = 1.0  # Of the quantity, or of its logarithm, per unit of response
+    subject: str | None = None  # None of all subjects together
+
+    def rows(
+        self, measure: Measure, bounded: Bounded, *, approximate: bool = False
+    ) -> Iterator[PsychophysicsRow]:
+        """Yield what an estimate says: of SDs in the quantity's unit, of those of trials also JNDs.
+
+        SDs are of responses, and the rest are pure numbers.
+        """
+        if measure != "sd_subjects":
+            yield self._row(measure, bounded, approximate=approximate)
+        elif not math.isnan(self._reference):
+            yield self._row(measure, mapped(bounded, self._step), self._named_unit)
+        if measure == "sigma_e":
+            yield from self._thresholds(bounded)
+
+    def _thresholds(self, sd: Bounded) -> Iterator[PsychophysicsRow]:
+        """Yield the thresholds made of the SD between trials."""
+        if math.isnan(self._reference):
+            if self.subject is not None and not self._by_difference:
+                log = self.data.asked.family == "lognormal"
+                yield self._row("weber", mapped(sd, np.expm1) if log else sd)
+            return
+        step = mapped(sd, self._step)
+        yield self._row("jnd", step, self._named_unit)
+        size = abs(self._reference)
+        if size:
+            yield self._row("weber", mapped(step, lambda values: values / size))
+        quartile = mapped(sd, lambda values: self._step(_QUARTILE * values))
+        yield self._row("jnd_quartile", quartile, self._named_unit)
+
+    def _step(self, sd: Array) -> Array:
+        """Return how far SDs of responses lead from the reference, in the quantity's unit."""
+        size = sd * self.unit
+        if self.data.asked.family == "lognormal":
+            return np.asarray(self._reference * np.expm1(size))
+        return size
+
+    @property
+    def _named_unit(self) -> str:
+        """The quantity's unit."""
+        return self.data.quantities[self.parameter].unit
+
+    @property
+    def _reference(self) -> float:
+        """Reference in the quantity's unit; NaN over all environments."""
+        return self.data.reference.get((self.parameter, self.environment or ""), math.nan)
+
+    @property
+    def _by_difference(self) -> bool:
+        """Whether the quantity has a reference that is not positive."""
+        return self.data.sessions.form == "trials" and self.data.by_difference(self.parameter)
+
+    def _row(
+        self, measure: Measure, bounded: Bounded, unit: str = "", *, approximate: bool = False
+    ) -> PsychophysicsRow:
+        """Make a row; SDs of responses are in the quantity's unit if they are differences."""
+        if measure.startswith("sigma") and self._by_difference:
+            bounded = mapped(bounded, lambda values: values * self.unit)
+            unit = self._named_unit
+        return PsychophysicsRow(
+            environment=self.environment,
+            subject=self.subject,
+            parameter=self.parameter,
+            measure=measure,
+            method=self.method,
+            family=self.data.asked.family,
+            level=self.data.asked.level,
+            **vars(bounded),
+            unit=unit,
+            n=self.n,
+            approximate=approximate,
+        )
+
+
+def mapped(bounded: Bounded, increasing: Callable[[Array], Array]) -> Bounded:
+    """Map an estimate and its limits; the limits' error follows."""
+    error = bounded.error or 0.0
+    lower = bounded.lower
+    upper = bounded.upper
+    with np.errstate(over="ignore"):
+        of_all = increasing(
+            np.array([bounded.estimate, lower, upper, lower + error, upper + error])
+        )
+    estimate, lower, upper, beyond_lower, beyond_upper = of_all.tolist()
+    if bounded.error is None:
+        return Bounded(estimate, lower, upper)
+    # Two infinite ends have no difference.
+    error = math.inf if math.isinf(upper) else max(beyond_lower - lower, beyond_upper - upper)
+    return Bounded(estimate, lower, upper, error)
 
 
 def classical_psychophysics(data: Data) -> Iterator[PsychophysicsRow]:
     """Yield the classical rows; of published limits those of SDs only."""
-    asked = data.asked
+    family = data.asked.family
     for parameter in data.parameters:
         trials = _trials_if_any(data, parameter)
+        unit = {}
+        if trials is not None:
+            unit = dict(zip(trials.environments, trials.scale.unit.tolist(), strict=True))
         by_environment = {}
-        for cell in data.cells[data.asked.family]:
+        for cell in data.cells[family]:
             if cell.parameter != parameter:
                 continue
-            measured = _measured(cell, data, trials)
+            measured = Measured(
+                data=data,
+                method="classical",
+                parameter=parameter,
+                environment=cell.environment,
+                n=0 if cell.moments is None else int(np.asarray(cell.moments.n)),
+                unit=unit.get(cell.environment, 1.0),
+            )
             by_environment[cell.environment] = measured
             if cell.moments is not None:
-                sd = float(cell.moments.on_scale(asked.family).sd) / measured.unit
-                bounded = sd_interval(sd, measured.n - 1.0, level=asked.level)
+                sd = float(cell.moments.on_scale(family).sd) / measured.unit
+                bounded = sd_interval(sd, measured.n - 1.0, level=data.asked.level)
                 yield from measured.rows("sd_subjects", bounded)
         if trials is not None:
             for j, environment in enumerate(trials.environments):
@@ -71,21 +191,6 @@ def _trials_if_any(data: Data, *parameters: str) -> Trials | None:
         return data.trials(*parameters, partial=True)
     except RefusalError:
         return None
-
-
-def _measured(cell: Cell, data: Data, trials: Trials | None) -> Measured:
-    """Return where a cell's rows belong."""
-    unit = 1.0
-    if trials is not None and cell.environment in trials.environments:
-        unit = float(trials.scale.unit[trials.environments.index(cell.environment)])
-    return Measured(
-        data=data,
-        method="classical",
-        parameter=cell.parameter,
-        environment=cell.environment,
-        n=0 if cell.moments is None else int(np.asarray(cell.moments.n)),
-        unit=unit,
-    )
 
 
 def _of_trials(measured: Measured, trials: Trials, j: int) -> Iterator[PsychophysicsRow]:

@@ -108,8 +108,7 @@ def _posterior(
         if isinstance(found, Skipped):
             return found
         jnd = size = found
-    origin = np.log(scale.origin) if scale.log else scale.origin
-    ends = (_ends(data.reference[where], jnd, log=scale.log) - origin) / scale.unit
+    ends = (_ends(data.reference[where], jnd, log=scale.log) - scale.centre) / scale.unit
     mean = fit.moments.mean[:, c]
     sd = fit.moments.sd[:, c]
     inside = special.ndtr((ends[1] - mean) / sd) - special.ndtr((ends[0] - mean) / sd)

@@ -18,7 +18,6 @@ mixtures. Scales and reliabilities have quantiles of draws.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -29,11 +28,11 @@ from percept.inference.model.laws import Moments
 from percept.inference.model.model import LinearModel
 from percept.inference.model.predictions import trend_rows
 from percept.inference.model.subjects import cells_of_subjects
-from percept.inference.sampling.endpoints import mixture_limits
+from percept.inference.sampling.endpoints import batch_errors, mixture_limits
 from percept.results import Measure, PsychophysicsRow
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
-from percept.study.psychophysics.rows import Measured
+from percept.study.psychophysics import Measured
 
 _Rows = Iterator[PsychophysicsRow]
 #: Draws, (S, cells) or (S, quantities), by what they are of.
@@ -59,7 +58,7 @@ class DrawLimits:
         """
         tails = 0.5 * np.array([1.0 - self.level, 1.0 + self.level])
         limits = np.quantile(draws, tails)
-        off = self._errors(draws[:, None] < limits)
+        off = batch_errors(draws[:, None] < limits, self.batch)
         beside = np.quantile(draws, np.clip([tails - off, tails + off], 0.0, 1.0))
         return Bounded(
             estimate=float(np.median(draws)),
@@ -71,17 +70,11 @@ class DrawLimits:
     def of_laws(self, laws: Moments) -> list[Bounded]:
         """Bound what is normal given each draw, (S, L), by roots of mixtures."""
         lower, upper, influence = mixture_limits(laws.mean, laws.sd, 0.5 * (1.0 - self.level))
-        error = self._errors(influence).reshape(2, -1).max(axis=0)
+        error = batch_errors(influence, self.batch).reshape(2, -1).max(axis=0)
         estimate = laws.mean.mean(axis=0)
         columns = [estimate, lower, upper, error]
         by_law = np.stack(columns, axis=1).tolist()
         return [Bounded(*numbers) for numbers in by_law]
-
-    def _errors(self, values: Array | NDArray[np.bool_]) -> Array:
-        """Return standard errors of the means of values, (S, Q), from the scatter of batches."""
-        sizes = np.bincount(self.batch)
-        means = [np.bincount(self.batch, column) / sizes for column in values.T]
-        return np.std(means, axis=1, ddof=1) / math.sqrt(len(sizes))
 
 
 def posterior_psychophysics(fit: Fit) -> _Rows:

@@ -1,1 +1,0 @@
-"""The psychophysics table, and whether biases are smaller than one JND; by both methods."""
