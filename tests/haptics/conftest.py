@@ -3,22 +3,6 @@
 import numpy as np
 import pytest
 
-T = 1e-3
-
-
-@pytest.fixture(scope="session")
-def plain_impedance():
-    """Z_h of a rigid device as Eq. 13 is written, in complex arithmetic; k and b of any sign."""
-
-    def impedance(omega, device, k, b, mass=0.0):
-        h = omega * T / 2
-        s = 2j / T * np.tan(h)
-        return (
-            device.mass * s + device.damping + np.cos(h) * np.exp(-1j * h) * (mass * s + b + k / s)
-        )
-
-    return impedance
-
 
 @pytest.fixture(scope="session")
 def ellipse_edge():

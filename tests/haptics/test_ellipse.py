@@ -1,6 +1,8 @@
-"""Ranges over ellipses: roots of a quartic in 60 digits, brute force, degenerate cases."""
+"""Ranges over ellipses: turning points in 60 digits, brute force, degenerate cases."""
 
-import mpmath
+import itertools
+
+import mpmath as mp
 import numpy as np
 import pytest
 
@@ -18,58 +20,47 @@ T = 1e-3
 DEVICE = Device(1.0, 5.0)
 
 
-def quartic(omega, device, centre, shape, radius, period):
-    """Nearest and farthest stationary point, whether the origin is inside, the terms' size.
+def on_edge(omega, device, centre, shape, radius, period):
+    """Smallest and largest abs(Z_h) on an edge, whether it vanishes inside, and its terms' size.
 
-    In 60 digits. With u = e^{iφ} the derivative of |c + M(cos φ, sin φ)|² is a polynomial of degree
-    four in u.
+    In 60 digits. abs(Z_h)² has two harmonics of the angle on the edge: a coarse grid brackets its
+    turning points.
     """
-    with mpmath.workdps(60):
-        half = mpmath.mpf(omega) * mpmath.mpf(period) / 2
-        rate = 2 / mpmath.mpf(period) * mpmath.tan(half)
-        y = mpmath.cos(half)
-        (kk, kb), (_, bb) = [[mpmath.mpf(float(v)) for v in row] for row in shape]
-        k, b = (mpmath.mpf(float(v)) for v in centre)
-        m, b_d, t = mpmath.mpf(device.mass), mpmath.mpf(device.damping), mpmath.mpf(period)
-        c = mpmath.matrix(
-            [y * (b + b_d - m * rate**2 * t / 2), y * (k / rate - rate * (m + b_d * t / 2))]
-        )
-        r = mpmath.mpf(radius)
-        l11 = mpmath.sqrt(kk)
-        l21 = kb / l11
-        l22 = mpmath.sqrt(bb - l21**2)
-        rows = [[y * r * l21, y * r * l22], [y * r * l11 / rate, mpmath.mpf(0)]]
-        # |c + M p|² with p = (cos φ, sin φ): α cos 2φ + β sin 2φ + γ cos φ + δ sin φ + const.
-        g11 = rows[0][0] ** 2 + rows[1][0] ** 2
-        g22 = rows[0][1] ** 2 + rows[1][1] ** 2
-        g12 = rows[0][0] * rows[0][1] + rows[1][0] * rows[1][1]
-        alpha, beta = (g11 - g22) / 2, g12
-        gamma = 2 * (c[0] * rows[0][0] + c[1] * rows[1][0])
-        delta = 2 * (c[0] * rows[0][1] + c[1] * rows[1][1])
-        j = mpmath.mpc(0, 1)
-        coefficients = [
-            beta + j * alpha,
-            (delta + j * gamma) / 2,
-            mpmath.mpf(0),
-            (delta - j * gamma) / 2,
-            beta - j * alpha,
-        ]
-        distances = []
-        for root in mpmath.polyroots(coefficients[::-1], maxsteps=500, extraprec=400, asc=True):
-            if abs(abs(root) - 1) < mpmath.mpf("1e-15"):
-                cos, sin = root.real / abs(root), root.imag / abs(root)
-                distances.append(
-                    mpmath.hypot(
-                        c[0] + rows[0][0] * cos + rows[0][1] * sin,
-                        c[1] + rows[1][0] * cos + rows[1][1] * sin,
-                    )
-                )
-        u1 = -c[1] / rows[1][0]
-        u2 = (-c[0] - rows[0][0] * u1) / rows[0][1]
-        # Everything that is added up to a distance: what the inputs' own rounding is relative to.
-        size = y * (abs(b) + b_d + m * rate**2 * t / 2 + r * mpmath.sqrt(bb))
-        size += y * ((abs(k) + r * mpmath.sqrt(kk)) / rate + rate * (m + b_d * t / 2))
-        return min(distances), max(distances), u1**2 + u2**2 <= 1, size
+    with mp.workdps(60):
+        half = mp.mpf(omega) * mp.mpf(period) / 2
+        rate = 2 / mp.mpf(period) * mp.tan(half)
+        held = mp.cos(half) * mp.expj(-half)
+        z_d = mp.mpc(device.damping, device.mass * rate)
+        k, b = (mp.mpf(float(value)) for value in centre)
+        lower = mp.cholesky(mp.matrix([[mp.mpf(float(value)) for value in row] for row in shape]))
+        lower *= mp.mpf(radius)
+
+        def felt(along, across):
+            return held * mp.mpc(
+                lower[1, 0] * along + lower[1, 1] * across, -lower[0, 0] * along / rate
+            )
+
+        centre_felt = z_d + held * mp.mpc(b, -k / rate)
+
+        def at(angle):
+            return centre_felt + felt(mp.cos(angle), mp.sin(angle))
+
+        def slope(angle):
+            return (mp.conj(at(angle)) * felt(-mp.sin(angle), mp.cos(angle))).real
+
+        ends = []
+        angles = [2 * mp.pi * step / 64 for step in range(65)]
+        for low, high in itertools.pairwise(angles):
+            if slope(low) * slope(high) <= 0:
+                turning = mp.findroot(slope, (low, high), solver="anderson", verify=False)
+                ends.append(abs(at(turning)))
+        zero = -z_d / held
+        first = (-zero.imag * rate - k) / lower[0, 0]
+        second = (zero.real - b - lower[1, 0] * first) / lower[1, 1]
+        # What the inputs' own rounding is relative to.
+        reach_k, reach_b = (mp.mpf(radius) * mp.sqrt(shape[at][at]) for at in (0, 1))
+        size = abs(z_d) + abs(held) * (abs(b) + reach_b + (abs(k) + reach_k) / rate)
+        return min(ends), max(ends), first**2 + second**2 <= 1, size
 
 
 def random_ellipses(count, seed):
@@ -107,7 +98,7 @@ def test_ends_are_the_stationary_points_on_the_edge():
         lower, upper = magnitude_envelope_ellipse(
             Loop(device, period), omega, Ellipse(centre, shape, radius)
         )
-        nearest, farthest, holds_origin, size = quartic(
+        nearest, farthest, holds_origin, size = on_edge(
             omega, device, centre, shape, radius, period
         )
         inside += bool(holds_origin)

@@ -60,20 +60,6 @@ def test_the_searched_damping_is_the_root_of_a_polynomial(delay, discretization)
         assert found == pytest.approx(largest_by_polynomials(k_c * T, beta, delay), rel=1e-9)
 
 
-def test_a_delay_turns_what_the_hold_puts_out():
-    """Eq. 13 as it is written, at frequencies where nothing cancels."""
-    omega = np.array([5.0, 300.0, 2500.0])
-    h = omega * T / 2
-    s = 2j / T * np.tan(h)
-    z_e = 0.2 * s + 3.0 + 2e3 / s
-    for delay in (0.4, 2.0):
-        late = np.cos(h) * np.exp(-1j * h * (1 + 2 * delay))
-        found = perceived_impedance(
-            Loop(Device(1.0, 5.0), T, delay=delay), omega, Environment(2e3, 3.0, 0.2)
-        )
-        assert found == pytest.approx(s + 5.0 + late * z_e, rel=1e-12)
-
-
 @pytest.mark.parametrize("kind", ["average", "true"])
 def test_ends_of_the_range_are_limits(kind):
     """At DC a delayed spring takes k(d + ½)T off the damping."""

@@ -1,8 +1,7 @@
-"""The paper's rule over a range of ω: against fine grids, 50-digit arithmetic and closed forms."""
+"""The paper's rule over a range of ω, against fine grids and closed forms."""
 
 import dataclasses
 
-import mpmath as mp
 import numpy as np
 import pytest
 
@@ -79,51 +78,6 @@ def on_grid(display, limits, omega):
         return np.maximum(np.log(np.abs(felt) / high), np.log(low / np.abs(felt)))
 
 
-def filter_of(loop, h):
-    """Butterworth's filter by its poles; 1 without one."""
-    response = mp.mpf(1)
-    if loop.velocity_filter is not None:
-        order = loop.velocity_filter.order
-        x = mp.tan(h) / mp.tan(mp.mpf(loop.velocity_filter.cutoff) * mp.mpf(T) / 2)
-        for pole in range(order):
-            angle = mp.pi * (2 * pole + 1) / (2 * order)
-            response /= mp.mpc(mp.sin(angle), x - mp.cos(angle))
-    return response
-
-
-def in_fifty_digits(display, limits, omega):
-    """Departure at one ω of a rigid or modal device, from Eqs 5 to 13 as written."""
-    loop, own, coupling = display.loop, display.environment, display.coupling
-    with mp.workdps(50):
-        h = mp.mpf(omega) * mp.mpf(T) / 2
-        s = mp.mpc(0, 2 / mp.mpf(T) * mp.tan(h))
-        gain = mp.cos(h) if loop.hold == "average" else mp.sin(h) / h
-        held = gain * mp.expj(-(1 + 2 * mp.mpf(loop.delay)) * h)
-        device = loop.device
-        z_d = mp.mpf(device.damping) + mp.mpf(device.mass) * s + mp.mpf(device.stiffness) / s
-        for mode in device.modes:
-            m, k, b = (mp.mpf(value) for value in (mode.mass, mode.stiffness, mode.damping))
-            z_d += m * s * (b * s + k) / (m * s * s + b * s + k)
-        inertia = mp.mpf(own.mass) * s
-        joining = filter_of(loop, h)
-        z_e = inertia + mp.mpf(own.damping) * (1 if coupling else joining) + own.stiffness / s
-        if coupling is not None:
-            z_c = joining * mp.mpf(coupling.damping) + mp.mpf(coupling.stiffness) / s
-            z_e = z_e * z_c / (z_e + z_c)
-        shown = abs(z_d + held * z_e)
-        k, b = ([mp.mpf(float(end)) for end in pair] for pair in limits)
-        # The (k, b) at which Z_h vanishes: its nearest point of the box is a clip, the farthest a
-        # corner. The environment's mass is not adjusted: it counts with the device.
-        zero = -z_d / held - inertia
-
-        def seen(k, b):
-            return abs(z_d + held * (inertia + b + k / s))
-
-        high = max(seen(one, other) for one in k for other in b)
-        low = seen(min(max(-zero.imag * s.imag, k[0]), k[1]), min(max(zero.real, b[0]), b[1]))
-        return float(max(mp.log(shown / high), mp.log(low / shown) if low else -mp.inf))
-
-
 def test_no_point_of_a_grid_departs_by_more_and_the_largest_is_right():
     verdicts = set()
     for display, limits in scenes(60, 11):
@@ -131,9 +85,6 @@ def test_no_point_of_a_grid_departs_by_more_and_the_largest_is_right():
         seen = on_grid(display, limits, OMEGA).max()
         assert seen <= found.largest + 1e-12
         assert on_grid(display, limits, found.omega) == pytest.approx(found.largest, abs=1e-10)
-        if isinstance(display.loop.device, Device):
-            exact = in_fifty_digits(display, limits, found.omega)
-            assert found.largest == pytest.approx(exact, abs=1e-11)
         verdicts.add(found.verdict)
     assert verdicts >= {"inside", "outside"}
 

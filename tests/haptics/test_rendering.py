@@ -1,10 +1,7 @@
 """What a sampled loop renders with every passive hand: closed forms, motion in time, any device."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from scipy import signal
 
 from percept.errors import UsageError
 from percept.haptics import (
@@ -15,12 +12,8 @@ from percept.haptics import (
     Mode,
     TabulatedDevice,
     VelocityFilter,
-    coupling_impedance,
-    environment_impedance,
-    perceived_impedance,
 )
 from percept.haptics.aliases import aliases
-from percept.haptics.impedance import filter_response
 from percept.haptics.rendering import (
     can_render,
     needed_damping,
@@ -259,38 +252,6 @@ def test_walls_on_the_edge_are_at_their_limit(delay, velocity_filter, modes):
         assert can_render(loop, wall).margin == pytest.approx(1.0, rel=1e-8)
     if not (delay or velocity_filter or modes):
         assert edge.stiffness == pytest.approx(2 * (10.0 - edge.damping) / T, abs=1e-9)
-
-
-@pytest.mark.parametrize("order", [1, 2, 3, 6])
-def test_the_filter_is_scipys_butterworth(order):
-    cutoff = 700.0
-    top, bottom = signal.butter(order, cutoff, fs=2 * np.pi / T)
-    omega = np.array([0.0, 1e-3, 30.0, 699.0, 700.0, 1500.0, 3100.0])
-    _, expected = signal.freqz(top, bottom, worN=omega * T)
-    grid = LOOP.at(omega)
-    found = filter_response(grid, VelocityFilter(cutoff, order))
-    assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
-    assert abs(found[4]) == pytest.approx(np.sqrt(0.5), rel=1e-14)
-
-
-def test_a_filter_multiplies_the_damper_that_joins_the_device_alone():
-    omega = np.array([5.0, 300.0, 2500.0])
-    plain = Loop(Device(1.0, 5.0), T, delay=1.0)
-    loop = dataclasses.replace(plain, velocity_filter=VelocityFilter(400.0, 2))
-    response = filter_response(loop.at(omega), loop.velocity_filter)
-    h = omega * T / 2
-    s = 2j / T * np.tan(h)
-    wall, coupling = Environment(1e3, 20.0, 0.1), Coupling(5e4, 100.0)
-    assert environment_impedance(loop, omega, wall) == pytest.approx(
-        0.1 * s + 20.0 * response + 1e3 / s, rel=1e-12
-    )
-    z = np.exp(1j * omega * T)
-    z_c = 100.0 * response + 5e4 * T * z / (z - 1)
-    assert coupling_impedance(loop, omega, coupling) == pytest.approx(z_c, rel=1e-11)
-    z_e = environment_impedance(plain, omega, wall)
-    late = np.cos(h) * np.exp(-3j * h)
-    felt = perceived_impedance(loop, omega, wall, coupling=coupling, discretization="backward")
-    assert felt == pytest.approx(s + 5.0 + late * z_e * z_c / (z_e + z_c), rel=1e-11)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ from percept.haptics import (
     required_damping_at,
     stability_margin,
 )
-from percept.haptics.impedance import coupling_admittance
 from percept.haptics.stability import coupling_bound
 
 T = 1e-3
@@ -43,11 +42,6 @@ def test_published_couplings(stiffness, discretization, damping, omega):
     assert f"{need.damping:.6g}" == damping
     if omega:
         assert f"{need.omega:.6g}" == omega
-
-
-def test_low_frequency_keeps_fifteen_digits():
-    value = float(required_damping_at(LOOP, 1e-6, Coupling(110e3, 100.0)))
-    assert abs(value - 4.879032258064516) <= 1e-15 * value
 
 
 OMEGA = np.concatenate(
@@ -93,17 +87,6 @@ def test_tustin_without_damping_is_never_stable():
         np.testing.assert_array_equal(at, np.inf)
 
 
-def test_margin_is_the_ratio_of_both_sides_of_equation_10():
-    omega = np.geomspace(1.0, 3100.0, 50)
-    device = Device(1.0, 20.0, (Mode(0.05, 2e4, 0.3),))
-    coupling = Coupling(50e3, 100.0)
-    bound = coupling_bound(Loop(device, T), omega)
-    reached = coupling_admittance(LOOP, omega, coupling).real
-    np.testing.assert_allclose(
-        stability_margin(Loop(device, T), omega, coupling), reached / bound, rtol=1e-13
-    )
-
-
 def test_margin_where_nothing_is_asked_or_given():
     omega = np.array([100.0, np.pi / T])
     np.testing.assert_array_equal(
@@ -130,25 +113,22 @@ def test_verdict_turns_at_the_required_damping(discretization, kind):
         assert verdict.smallest_margin == pytest.approx(1.0, abs=1e-12)
 
 
-def llewellyn(omega, device):
-    """2·Re p11·Re p22/(Re p12p21 + |p12p21|) of Eq. 4 as it is written, in complex arithmetic."""
-    z = np.exp(1j * omega * T)
-    p12, p22 = (z + 1) / (2 * z), 1 / (100 + 110e3 * T * z / (z - 1))
-    return 2 * device_impedance(Loop(device, T), omega).real * p22.real / (np.abs(p12) - p12.real)
-
-
 @pytest.mark.parametrize(
     "device", [Device(1.0, 20.0), Device(1.0, 20.0, MODES)], ids=["rigid", "flexible"]
 )
-def test_general_criterion_gives_the_same_margins(device):
+def test_the_smallest_margin_is_that_of_a_fine_grid(device):
     verdict = absolute_stability(Loop(device, T), COUPLING)
-    omega = np.geomspace(100.0, 3141.0, 2000)
-    np.testing.assert_allclose(
-        llewellyn(omega, device), stability_margin(Loop(device, T), omega, COUPLING), rtol=1e-9
-    )
     dense = stability_margin(Loop(device, T), np.linspace(0, np.pi / T, 500_001), COUPLING)
     assert verdict.smallest_margin <= dense.min() * (1 + 1e-14)
     assert verdict.smallest_margin == pytest.approx(dense.min(), rel=1e-8)
+
+
+def test_a_spring_is_no_matter_of_stability():
+    sprung = Device(1.0, 5.0, stiffness=300.0)
+    coupling = Coupling(20e3, 20.0)
+    for hold, delay in (("average", 0.0), ("true", 0.7)):
+        without = absolute_stability(Loop(Device(1.0, 5.0), T, hold, delay=delay), coupling)
+        assert absolute_stability(Loop(sprung, T, hold, delay=delay), coupling) == without
 
 
 def test_table_is_judged_over_its_range_and_may_be_active():
