@@ -1,14 +1,11 @@
-"""What regions of stiffness and damping hold, and which are too large to draw."""
+"""Two shares of users together, and regions that are too large to draw."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy import stats
 
 from percept import Scene, Study
-from percept.inference import Moments, t_interval
-from percept.inference.regions import ellipse_region
 from percept.sessions import Sessions
 from tests.study.checked import table_of
 
@@ -59,23 +56,3 @@ def test_ellipses_whose_ends_no_double_holds_are_left_out() -> None:
     )
     ellipses = [r for r in near.regions if r.ellipse is not None and r.family == "lognormal"]
     assert {r.kind for r in ellipses} == {"mean", "user"}
-
-
-def test_stiffness_and_damping_hold_together_as_often_as_stated() -> None:
-    """Means of known users: both sides of a rectangle at once, and the ellipse."""
-    rng = np.random.default_rng(3)
-    values = rng.standard_normal((4_000, 8, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]])
-    moments = Moments(values.mean(axis=1), values.std(axis=1, ddof=1), np.full((4_000, 2), 8))
-    held = {}
-    for joint in ("marginal", "bonferroni"):
-        sides = t_interval(moments, level=0.9, joint=joint)
-        held[joint] = ((sides.lower <= 0.0) & (sides.upper >= 0.0)).all(axis=1).mean()
-    error = np.sqrt(0.9 * 0.1 / 4_000)
-    # Correlated sides hold together more often than independent ones would.
-    assert 0.81 < held["marginal"] < 0.9 - 4.0 * error
-    assert 0.9 - 4.0 * error < held["bonferroni"] < 0.93
-    inside = []
-    for k, b in np.moveaxis(values[:1_000], 2, 1):
-        ellipse = ellipse_region(k, b, kind="mean", level=0.9, family="normal")
-        inside.append(ellipse.distance(0.0, 0.0) <= ellipse.radius)
-    assert np.mean(inside) == pytest.approx(0.9, abs=8.0 * error)

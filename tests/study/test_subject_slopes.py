@@ -50,14 +50,6 @@ def test_a_planted_slope_and_its_spread_are_found():
     assert found.loc["sigma_slope", "estimate"] == pytest.approx(spread, rel=0.2)
 
 
-@pytest.mark.evidence
-def test_subjects_with_one_slope_show_hardly_any_spread_of_slopes():
-    alike = slopes(table(slope_sd=0.0))
-    # A regression's slope has the SD 0.05 by chance alone.
-    assert alike.loc["sigma_slope", "lower"] < 0.02
-    assert alike.loc["sigma_slope", "upper"] < 0.1
-
-
 def test_two_references_show_the_mean_slope_only():
     """What each subject has of their own in each environment holds any trend over two."""
     made = table()
