@@ -6,7 +6,8 @@ new figures alone. It raises RefusalError where there is nothing to plot.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
+from itertools import product
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -16,6 +17,7 @@ from matplotlib.axes import Axes
 from percept.errors import RefusalError, UsageError
 from percept.report.basics import (
     METHODS,
+    bracketed,
     distinct,
     families_from,
     matching,
@@ -70,21 +72,13 @@ def plot_intervals(
         No interval has a reference.
     """
     quantity = data.quantities[parameter]
-    own = {parameter: quantity}
     biases = []
-    for kind in kinds:
+    for kind, method in product(kinds, METHODS):
         rows = matching(unwidened(intervals), parameter=parameter, kind=kind)
-        for method in METHODS:
-            biases += biases_among(rows, own, [method], families_from(family))
+        biases += biases_among(rows, {parameter: quantity}, [method], families_from(family))
     if not biases:
         raise _nothing("interval that has a reference")
-    with rc_context(_STYLE):
-        drawn = _axes(ax)
-        draw_intervals(drawn, biases, data.cells, quantity, data.words)
-        drawn.set_title(quantity.head)
-        for tick in drawn.get_yticklabels():
-            tick.set_parse_math(False)  # of axes that were there before, the ticks were too
-        return _finished(drawn, legend=ax is None)
+    return _plotted(ax, quantity.head, draw_intervals, biases, data.cells, quantity, data.words)
 
 
 def plot_boundary(
@@ -124,11 +118,7 @@ def plot_boundary(
     alike = alike_boundaries(of_environment, kind, families_from(family))
     if not alike:
         raise _nothing(f"boundary of kind {kind} around {environment}")
-    with rc_context(_STYLE):
-        drawn = _axes(ax)
-        draw_magnitude(drawn, alike)
-        drawn.set_title(f"|Zₕ| of {environment} (N·s/m), kind {kind}")
-        return _finished(drawn, legend=ax is None)
+    return _plotted(ax, f"|Zₕ| of {environment} (N·s/m), kind {kind}", draw_magnitude, alike)
 
 
 def plot_band(
@@ -175,41 +165,37 @@ def plot_band(
     shown = parameter or parameters[0]
     what = "|Zₑ| (N·s/m)"
     if shown is not None:
-        unit = f" ({data.quantities[shown].unit})" if data.quantities[shown].unit else ""
-        what = f"{data.quantities[shown].words}{unit}"
-    with rc_context(_STYLE):
-        drawn = _axes(ax)
-        draw_band(drawn, band, shown, families_from(family), data.quantities)
-        drawn.set_title(f"Band of {what}, next {data.words.user}")
-        return _finished(drawn, legend=ax is None)
+        quantity = data.quantities[shown]
+        what = quantity.words + bracketed(quantity.unit)
+    title = f"Band of {what}, next {data.words.user}"
+    return _plotted(ax, title, draw_band, band, shown, families_from(family), data.quantities)
 
 
 def plot_coupling(coupling: Coupling | None, *, ax: Axes | None = None) -> Axes:
     """Draw Eq. 10's bound, the coupling's admittance, m/(N·s), and where it binds, rad/s."""
     if coupling is None:
         raise _nothing("coupling to plot")
-    with rc_context(_STYLE):
-        drawn = _axes(ax)
-        draw_stability(drawn, coupling)
-        drawn.set_title(f"Eq. 10 is {coupling.eq10}, margin {coupling.eq10_margin:.3g}")
-        return _finished(drawn, legend=ax is None)
+    title = f"Eq. 10 is {coupling.eq10}, margin {coupling.eq10_margin:.3g}"
+    return _plotted(ax, title, draw_stability, coupling)
 
 
 def _nothing(what: str) -> RefusalError:
     return RefusalError(f"the study has no {what}.", hint="study.skipped says why.")
 
 
-def _axes(ax: Axes | None) -> Axes:
-    return plt.subplots(layout="constrained")[1] if ax is None else ax
-
-
-def _finished(ax: Axes, *, legend: bool) -> Axes:
-    """Draw what is ink in a report in the reader's colour of text; add a legend."""
-    for line in ax.get_lines():
-        if line.get_color() == COLOURS["ink"]:
-            line.set_color(rcParams["text.color"])
-    if legend:
-        handles, labels = ax.get_legend_handles_labels()
-        named = dict(zip(labels, handles, strict=True))
-        ax.legend(named.values(), named.keys(), frameon=False, fontsize="small")
-    return ax
+def _plotted(ax: Axes | None, title: str, draw: Callable[..., None], *what: Any) -> Axes:
+    """Draw on axes, or on a new figure with a legend, in the reader's colour of text."""
+    with rc_context(_STYLE):
+        drawn = plt.subplots(layout="constrained")[1] if ax is None else ax
+        draw(drawn, *what)
+        drawn.set_title(title)
+        for tick in drawn.get_yticklabels():
+            tick.set_parse_math(False)  # of axes that were there before, the ticks were too
+        for line in drawn.get_lines():
+            if line.get_color() == COLOURS["ink"]:
+                line.set_color(rcParams["text.color"])
+        if ax is None:
+            handles, labels = drawn.get_legend_handles_labels()
+            named = dict(zip(labels, handles, strict=True))
+            drawn.legend(named.values(), named.keys(), frameon=False, fontsize="small")
+        return drawn

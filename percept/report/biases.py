@@ -24,18 +24,18 @@ from percept.report.basics import (
     present,
     unwidened,
 )
-from percept.results import IntervalRow, LadderEffect, Results
+from percept.results import IntervalRow, LadderEffect, Results, Words
 from percept.sessions.quantities import Quantity
 
 #: An interval from below a hundredth to above a hundred references says nothing.
 _NOTHING = 100.0
 #: Steps of the ladder that set the methods apart. Both are compared on one scale.
-_CAUSES = {
-    "prior": "the prior",
-    "trials": "trial noise, which the model tells from differences between people",
-    "pooling": "what the model learns from the other {}",
-    "own_trials": "the trial SD that each person has",
-    "correlation": "what the model learns from the other quantity",
+CAUSES = {
+    "prior": "each {environment} modelled by itself, with the priors",
+    "trials": "single trials instead of means over trials",
+    "pooling": "all {environments} together",
+    "own_trials": "a trial SD for each {subject}",
+    "correlation": "both quantities together",
 }
 #: Shift over the classical half-width, or log ratio of widths: twice the most error of a step.
 _LEAST_MOVED = 0.1
@@ -213,24 +213,24 @@ def _disagreements(
         names += [other.environment for other in others]
     effects = matching(results.ladder.effects if results.ladder else (), kind="mean")
     own = matching(effects, parameter=biases[0].parameter)
-    return sentences + cause_sentences(own, names, results.data.words.environments)
+    return sentences + cause_sentences(own, names, results.data.words)
 
 
 def cause_sentences(
-    effects: Sequence[LadderEffect], names: Sequence[str], environments: str
+    effects: Sequence[LadderEffect], names: Sequence[str], words: Words
 ) -> list[str]:
     """Name the step of the ladder that moves the intervals of each environment most."""
     by_cause: dict[str, list[str]] = {}
     for name in names:
         steps: dict[str, float] = {}
         for row in matching(effects, environment=name):
-            if row.cause in _CAUSES:
+            if row.cause in CAUSES:
                 moved = max(abs(row.log_width), abs(row.centre))
                 steps[row.cause] = max(moved, steps.get(row.cause, _LEAST_MOVED))
         cause = max(steps, key=steps.__getitem__, default="")
         if cause and steps[cause] > _LEAST_MOVED:
-            by_cause.setdefault(_CAUSES[cause].format(environments), []).append(name)
-    return [f"The main cause in {listed(own)} is {cause}." for cause, own in by_cause.items()]
+            by_cause.setdefault(CAUSES[cause].format(**vars(words)), []).append(name)
+    return [f"The main cause in {listed(own)}: {cause}." for cause, own in by_cause.items()]
 
 
 def user_sentences(results: Results) -> list[str]:

@@ -33,7 +33,7 @@ from percept.report.basics import (
     unwidened,
     value,
 )
-from percept.report.biases import drawn_said, foremost
+from percept.report.biases import CAUSES, drawn_said, foremost
 from percept.results import (
     BandLaw,
     BandPair,
@@ -61,12 +61,7 @@ _CURVES = (
 )  # fmt: skip
 _LAWS = {"weber": "w·{0}", "offset": "c + w·{0}", "power": "w·{0}^p"}
 #: Steps of the ladder, in words.
-_STEPS = {
-    "prior": "each {environment} modelled by itself, with the priors",
-    "trials": "single trials instead of means over trials",
-    "pooling": "all {environments} together",
-    "own_trials": "a trial SD for each {subject}",
-    "correlation": "both quantities together",
+_STEPS = CAUSES | {
     "scale": "the lognormal family",
     "sampling": "the same model",
     "all": "all steps",
@@ -75,13 +70,12 @@ _STEPS = {
 
 def comparison(results: Results) -> Section:
     """Return how the methods differ: a figure and a table of the next user's boundaries."""
-    pairs = results.band_pairs or ()
-    title = "Classical against Bayesian boundaries" if pairs else "Classical against Bayesian"
+    pairs = matching(results.band_pairs or (), kind="user")
     return Section(
         "comparison",
-        title,
+        "Classical against Bayesian",
         [_differences(results)],
-        [_pairs(results, matching(pairs, kind="user"))],
+        [_pairs(results, pairs)],
         ["ratios"] if results.boundaries else [],
         parts=[_why(results)],
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
+from typing import Any
 
 from percept.errors import capitalised
 from percept.inference.record import percent
@@ -15,10 +15,10 @@ from percept.report.basics import (
     Estimated,
     Section,
     Table,
+    bracketed,
     column,
     distinct,
     estimate,
-    first,
     listed,
     matching,
     of,
@@ -65,22 +65,19 @@ def _sampling(results: Results) -> Section:
     elif not gate.tolerance_met:
         said = "The sampler’s checks passed, but it missed the tolerance."
         sentences = [f"{said} {gate.error_reached}"]
-    measures = {
-        "rhat": ("Rank R̂ across ensembles, largest", 5, f"below {gate.rhat_limit}"),
-        "autocorrelation_time": ("Autocorrelation time, longest (steps)", 4, "finite"),
-        "times_run": ("Length of a kept run in those times", 4, f"{gate.times_needed:g} or more"),
-        "effective_draws": ("Effective draws, fewest", 5, ""),
-        "acceptance": ("Fraction of proposals accepted", 3, ""),
-        "worst_error": (
+    measures = (
+        ("Rank R̂ across ensembles, largest", gate.rhat, f"below {gate.rhat_limit}"),
+        ("Autocorrelation time, longest (steps)", gate.autocorrelation_time, "finite"),
+        ("Length of a kept run in those times", gate.times_run, f"{gate.times_needed:g} or more"),
+        ("Effective draws, fewest", gate.effective_draws, ""),
+        ("Fraction of proposals accepted", gate.acceptance, ""),
+        (
             "Monte Carlo error of limits, largest (half-widths)",
-            3,
+            gate.worst_error,
             f"{diagnostics.tolerance:g} or less",
         ),
-    }
-    lines: list[list[Cell]] = []
-    for name, (label, digits, limit) in measures.items():
-        if getattr(gate, name) is not None:
-            lines.append([(label,), value(getattr(gate, name), digits), (limit,)])
+    )
+    columns: Columns = {"Measure": of("0"), "Value": of("1", 4), "Asked": of("2")}
     caption = (
         f"Diagnostics of the sampler: {diagnostics.ensembles} ensembles, {diagnostics.walkers}"
         f" walkers, {diagnostics.steps} steps."
@@ -90,7 +87,8 @@ def _sampling(results: Results) -> Section:
         diagnostics.priors,
         {"Prior": of("prior"), "Value": of("value", 4), "Meaning (unit)": of("meaning")},
     )
-    measured = Table(caption, ["Measure", "Value", "Asked"], lines)
+    known = [measure for measure in measures if measure[1] is not None]
+    measured = table_of(caption, known, columns)
     return Section("diagnostics", "Sampling", sentences, [measured, priors])
 
 
@@ -141,12 +139,14 @@ def _people(results: Results) -> Section:
     for parameter in distinct(rows, "parameter"):
         own = matching(rows, parameter=parameter)
         relative = own[0].relative
-        unit = f" ({own[0].unit})" if own[0].unit and not relative else ""
-        mean = of("mean", 2, "bias" if relative else "difference")
-        columns[f"{parameter}, mean{unit}"] = column(own, "subject", mean)
-        sd = of("sd", 2, "percent" if relative else "plain")
-        columns[f"{parameter}, SD"] = column(own, "subject", sd)
-        columns[f"{parameter}, distance"] = column(own, "subject", of("distance", 2))
+        unit = "" if relative else bracketed(own[0].unit)
+        cells = {
+            f"mean{unit}": of("mean", 2, "bias" if relative else "difference"),
+            "SD": of("sd", 2, "percent" if relative else "plain"),
+            "distance": of("distance", 2),
+        }
+        for head, cell in cells.items():
+            columns[f"{parameter}, {head}"] = column(own, "subject", cell)
     logarithms = " (of logarithms)" if rows[0].log else ""
     caption = (
         f"What each {words.subject} {words.verb} over the {words.environments}: mean deviation from"
@@ -178,29 +178,30 @@ def _without(results: Results, loo: LeftOut) -> Table:
     shown = foremost(results)
 
     def moved_most(row: IntervalWithout) -> Cell:
-        own = matching(results.intervals, environment=row.environment, parameter=row.parameter)
-        whole = first(matching(own, kind="mean", method="bayesian", joint="marginal"))
-        moved = {}
-        for name, middle, lower, upper in zip(
-            names, row.estimate, row.lower, row.upper, strict=True
-        ):
-            if middle is not None and lower is not None and upper is not None:
-                moved[name] = Estimated(estimate=middle, lower=lower, upper=upper)
-        if not whole or not moved:
+        (whole, *_) = matching(
+            results.intervals, environment=row.environment, parameter=row.parameter,
+            kind="mean", method="bayesian", joint="marginal",
+        )  # fmt: skip
+        index = _farthest(row.estimate, whole.estimate)
+        if index is None:
             return NOTHING
-        most = max(moved, key=lambda name: abs(moved[name].estimate - whole.estimate))
-        return (*estimate(moved[most]), f", {most}")
+        without: list[Any] = [row.estimate[index], row.lower[index], row.upper[index]]
+        return (*estimate(Estimated(*without)), f", {names[index]}")
+
+    def judged(verdict: Verdict) -> Cell:
+        index = _farthest(verdict.without, verdict.probability)
+        if index is None:
+            return NOTHING
+        return (*value(verdict.without[index], 3, "percent"), f", {names[index]}")
 
     rows = [row for row in results.checks.without if row.environment in shown]
     columns: Columns = {capitalised(words.environment): str}
     for name in distinct(rows, "parameter"):
         quantity = results.data.quantities[name]
         own = matching(rows, parameter=name)
-        head = f"{quantity.head} ({quantity.unit})" if quantity.unit else quantity.head
-        columns[head] = column(own, "environment", moved_most)
+        columns[quantity.head + bracketed(quantity.unit)] = column(own, "environment", moved_most)
     verdicts = judged_verdicts(results)
     if any(one.without for one in verdicts):
-        judged = partial(_judged_without, names=names)
         columns[f"real, {RENDERED[verdicts[0].coupled]}"] = column(verdicts, "environment", judged)
     level = percent(results.provenance.scene["inference"]["level"])
     caption = (
@@ -214,14 +215,10 @@ def _without(results: Results, loo: LeftOut) -> Table:
     return table_of(caption, distinct(rows, "environment"), columns)
 
 
-def _judged_without(verdict: Verdict, names: Sequence[str]) -> Cell:
-    """Return the probability that it feels real without the subject who moves it most."""
-    whole = verdict.probability
-    known = {index: one for index, one in enumerate(verdict.without) if one is not None}
-    if not known:
-        return NOTHING
-    index = max(known, key=lambda index: abs(known[index] - whole))
-    return (*value(known[index], 3, "percent"), f", {names[index]}")
+def _farthest(values: Sequence[float | None], whole: float) -> int | None:
+    """Return the place of the value that lies farthest from the whole, of those that are known."""
+    known = {index: abs(one - whole) for index, one in enumerate(values) if one is not None}
+    return max(known, key=known.__getitem__, default=None)
 
 
 def data(results: Results) -> Section:
@@ -239,7 +236,7 @@ def data(results: Results) -> Section:
     cells: Columns = {capitalised(words.environment): str}
     for name in distinct(read.cells, "parameter"):
         own = matching(read.cells, parameter=name)
-        unit = f" ({own[0].unit})" if own[0].unit else ""
+        unit = bracketed(own[0].unit)
         cells[f"{name}, {words.subjects}"] = column(own, "environment", of("n", style="count"))
         cells[f"{name}, mean{unit}"] = column(own, "environment", of("mean"))
         cells[f"{name}, SD{unit}"] = column(own, "environment", of("sd"))

@@ -18,7 +18,6 @@ from percept.report.basics import (
 )
 from percept.report.biases import cause_sentences
 from percept.results import (
-    AdmissibleCouplings,
     ConfirmedCoupling,
     Rendered,
     Results,
@@ -159,7 +158,7 @@ def _disagreeing(judged: Sequence[Verdict], results: Results) -> list[str]:
     said = _felt(others, judged, words)
     return [
         f"That is the Bayesian answer. By the weakest classical part, {said}.",
-        *cause_sentences(effects, list(others), words.environments),
+        *cause_sentences(effects, list(others), words),
     ]
 
 
@@ -267,8 +266,6 @@ def coupling_sentences(results: Results) -> list[str]:
     absent: list[str] = []
     unknown: list[str] = []
     for row in design.environments:
-        if row.name is None:
-            continue
         if row.softest and row.stiffest:
             stiffest = "a rigid one" if row.stiffest.bound == "map" else _coupling(row.stiffest)
             spans[row.name] = f"{row.name} (from {_coupling(row.softest)} to {stiffest})"
@@ -283,26 +280,15 @@ def coupling_sentences(results: Results) -> list[str]:
             f" {_named(shown, words)} feel real."
         )
     if len(spans) > 1:
-        sentences += _together(design, "both" if len(spans) == 2 else "all of them")
+        which = "both" if len(spans) == 2 else "all of them"
+        one = f"One of {_coupling(design.together)}" if design.together else "None of these ends"
+        sentences.append(f"{one} serves {which}.")
     if absent:
-        sentences.append(
-            f"No coupling that can be rendered makes {_named(absent, words)} feel real."
-        )
+        sentences.append(f"No coupling lets {_named(absent, words)} be rendered and feel real.")
     if unknown:
         sentences.append(
             f"Whether a coupling makes {_named(unknown, words)} feel real the data do not decide."
         )
-    return sentences
-
-
-def _together(design: AdmissibleCouplings, which: str) -> list[str]:
-    """Say whether one coupling serves all that some coupling serves."""
-    sentences = []
-    for row in matching(design.environments, name=None):
-        if row.softest:
-            sentences.append(f"One of {_coupling(row.softest)} serves {which}.")
-        elif row.outcome == "none":
-            sentences.append(f"No single one serves {which}.")
     return sentences
 
 

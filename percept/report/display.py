@@ -230,7 +230,7 @@ def _couplings(results: Results) -> Section:
     for row in design.environments:
         for side, end in (("softest", row.softest), ("stiffest", row.stiffest)):
             if end is not None:
-                ends.append((row.name or "together", side, end))
+                ends.append((row.name, side, end))
     columns: Columns = {
         capitalised(words.environment): of("0"),
         "Coupling": of("1"),

@@ -381,10 +381,9 @@ class ConfirmedCoupling(NotebookRecord):
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class EnvironmentCouplings:
-    """How probably stable couplings feel real in one environment, or in several at once."""
+    """How probably stable couplings feel real in one environment."""
 
-    #: None for all that some coupling may serve: the smallest of their probabilities
-    name: str | None
+    name: str
     damping: Array  # (B,) b_c of each line, N·s/m
     stiffness: Array  # (B, K) k_c on each line of damping, N/m
     probability: Array  # (B, K) Zero where a coupling is not stable in time
@@ -409,6 +408,8 @@ class AdmissibleCouplings(NotebookRecord):
     decision: float  # A coupling is admissible two errors above this probability
     environments: tuple[EnvironmentCouplings, ...]
     devices: int | None = None  # Behind P(stable); None where the device has no posterior
+    #: An end of a map that serves all environments which some coupling serves
+    together: ConfirmedCoupling | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

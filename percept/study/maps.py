@@ -98,24 +98,21 @@ def no_coupling_map(setup: Setup, whose: MapUsers) -> Skipped | None:
 
 
 def coupling_map(setup: Setup, whose: MapUsers, scene: Scene) -> AdmissibleCouplings | None:
-    """Map how probably stable couplings feel real, per environment and for several at once.
+    """Map how probably stable couplings feel real in each environment.
 
-    None where `no_coupling_map` says why. Several at once are those that some coupling may serve:
-    the smallest of their probabilities.
+    None where `no_coupling_map` says why.
     """
     if no_coupling_map(setup, whose) is not None:
         return None
     judges = [_Judge(setup, name, users, scene) for name, users in whose.draws.items()]
-    maps = [_map_of(judge.name, [judge]) for judge in judges]
-    hopeful = [judge for judge, its in zip(judges, maps, strict=True) if its.outcome != "none"]
-    if len(hopeful) > 1:
-        maps.append(_map_of(None, hopeful))
+    maps = [_map_of(judge) for judge in judges]
     return AdmissibleCouplings(
         method=whose.method,
         family=scene.inference.family,
         central=scene.verdict.central,
         decision=scene.inference.decision,
         environments=tuple(maps),
+        together=_serving_all(judges, maps),
         devices=setup.draw_count,
     )
 
@@ -183,19 +180,17 @@ class _Judge:
         )
 
 
-def _map_of(name: str | None, judges: Sequence[_Judge]) -> EnvironmentCouplings:
-    """Map one environment, or several together; by more draws where the first do not decide."""
-    stable = StableCouplings(judges[0].setup, [judge.name for judge in judges])
+def _map_of(judge: _Judge) -> EnvironmentCouplings:
+    """Map one environment; by more draws where the first do not decide."""
+    stable = StableCouplings(judge.setup, [judge.name])
     # Lines are dense at both ends.
     angle = np.linspace(0.0, _LAST_LINE * 0.5 * np.pi, _LINES)
     damping = stable.largest_damping() * np.sin(angle) ** 2
     limit = (1.0 - _PULLED_IN) * np.maximum(stable.limit(damping), np.finfo(float).tiny)
-    # From one that is too soft for every environment on.
-    softest = max(judge.softest for judge in judges)
-    low = np.minimum(softest, limit / _LEAST_SPAN)
+    low = np.minimum(judge.softest, limit / _LEAST_SPAN)
     stiffness = np.geomspace(low, limit, _STIFFNESSES).T
     for draws in MAP_DRAWS:
-        couplings = _Couplings(judges, stable, damping, stiffness, draws)
+        couplings = _Couplings(judge, stable, damping, stiffness, draws)
         ends = {end: couplings.confirmed_end(end) for end in _ENDS}
         outcome: Literal["some", "none", "undecided"] = "undecided"
         if None not in ends.values():
@@ -204,10 +199,9 @@ def _map_of(name: str | None, judges: Sequence[_Judge]) -> EnvironmentCouplings:
             outcome = "none"
         if outcome != "undecided":
             break
-        for environment_judge in judges:
-            environment_judge.couplings.only_deciding()
+        judge.couplings.only_deciding()
     return EnvironmentCouplings(
-        name=name,
+        name=judge.name,
         damping=damping,
         stiffness=stiffness,
         probability=couplings.probability,
@@ -221,23 +215,23 @@ def _map_of(name: str | None, judges: Sequence[_Judge]) -> EnvironmentCouplings:
 class _Couplings:
     """Couplings on B lines of damping, N·s/m, of K stiffnesses each, N/m, up to what is stable.
 
-    Their probability (B, K) is that of being stable, times the least of feeling real.
+    Their probability (B, K) is that of being stable, times that of feeling real.
     """
 
     def __init__(
         self,
-        judges: Sequence[_Judge],
+        judge: _Judge,
         stable: StableCouplings,
         damping: Array,
         stiffness: Array,
         draws: int,
     ) -> None:
-        self._judges = judges
+        self._judge = judge
         self._stable = stable
         self._damping = damping
         self._stiffness = stiffness
-        self._decision = judges[0].scene.inference.decision
-        self.draws = min(draws, *(judge.users.size for judge in judges))
+        self._decision = judge.scene.inference.decision
+        self.draws = min(draws, judge.users.size)
         self.probability = self._probabilities(stiffness, damping)
 
     def _probabilities(self, stiffness: Array, damping: Array) -> Array:
@@ -247,14 +241,11 @@ class _Couplings:
         stable = np.ones(flat.size)
         if self._stable.devices is not None:
             stable = self._stable.probability(flat, damping_of_each)
-        least = np.ones(flat.size)
-        for environment_judge in self._judges:
-            maybe = np.flatnonzero(least * stable > 0.0)
-            if maybe.size:
-                couplings = Coupling(flat[maybe], damping_of_each[maybe])
-                probability = environment_judge.couplings.probabilities(couplings, self.draws)
-                least[maybe] = np.minimum(least[maybe], probability)
-        return (stable * least).reshape(stiffness.shape)
+        maybe = np.flatnonzero(stable)
+        if maybe.size:
+            couplings = Coupling(flat[maybe], damping_of_each[maybe])
+            stable[maybe] *= self._judge.couplings.probabilities(couplings, self.draws)
+        return stable.reshape(stiffness.shape)
 
     def surely_none(self) -> bool:
         """Whether two errors above every probability no coupling reaches the decision."""
@@ -268,7 +259,7 @@ class _Couplings:
             coupling = self._probable_end(end, wanted)
             if coupling is None:
                 return None
-            confirmed = self._confirmed(coupling)
+            confirmed = _confirmed([self._judge], self._stable, coupling)
             least_probability = confirmed.probability - _ERRORS * confirmed.error
             if least_probability >= self._decision:
                 return confirmed
@@ -300,31 +291,56 @@ class _Couplings:
         best_line = inside.argmax() if end == "stiffest" else inside.argmin()
         return Coupling(float(inside[best_line]), float(damping[best_line]))
 
-    def _confirmed(self, coupling: Coupling) -> ConfirmedCoupling:
-        """Say how probably a coupling feels real where it is least probable, and what bounds it."""
-        by_judge = [judge.confirm(coupling) for judge in self._judges]
-        least = min(by_judge, key=lambda evidence: evidence.probability)
-        stiffness = np.atleast_1d(coupling.stiffness)
-        damping = np.atleast_1d(coupling.damping)
-        stable = float(self._stable.probability(stiffness, damping)[0])
-        # One device is exact.
-        devices = self._stable.devices
-        stable_error = share_error(stable, devices) if devices else 0.0
-        bound: Literal["stability", "magnitude", "plane", "map"] = "magnitude"
-        if self._stable.at_nyquist(coupling) >= _AT_EDGE * self._stable.rigid_at_nyquist:
-            bound = "map"
-        elif stiffness >= _AT_EDGE * self._stable.limit(damping) or stable < least.probability:
-            bound = "stability"
-        elif least.plane < least.magnitude:
-            bound = "plane"
-        return ConfirmedCoupling(
-            stiffness=float(stiffness[0]),
-            damping=float(damping[0]),
-            probability=stable * least.probability,
-            error=float(np.hypot(least.error, stable_error)),
-            draws=least.draws,
-            bound=bound,
-        )
+
+def _confirmed(
+    judges: Sequence[_Judge], stable: StableCouplings, coupling: Coupling
+) -> ConfirmedCoupling:
+    """Say how probably a coupling feels real where it is least probable, and what bounds it."""
+    least = min((judge.confirm(coupling) for judge in judges), key=lambda found: found.probability)
+    stiffness = np.atleast_1d(coupling.stiffness)
+    damping = np.atleast_1d(coupling.damping)
+    chance = float(stable.probability(stiffness, damping)[0])
+    # One device is exact.
+    devices = stable.devices
+    stable_error = share_error(chance, devices) if devices else 0.0
+    bound: Literal["stability", "magnitude", "plane", "map"] = "magnitude"
+    if stable.at_nyquist(coupling) >= _AT_EDGE * stable.rigid_at_nyquist:
+        bound = "map"
+    elif stiffness >= _AT_EDGE * stable.limit(damping) or chance < least.probability:
+        bound = "stability"
+    elif least.plane < least.magnitude:
+        bound = "plane"
+    return ConfirmedCoupling(
+        stiffness=float(stiffness[0]),
+        damping=float(damping[0]),
+        probability=chance * least.probability,
+        error=float(np.hypot(least.error, stable_error)),
+        draws=least.draws,
+        bound=bound,
+    )
+
+
+def _serving_all(
+    judges: Sequence[_Judge], maps: Sequence[EnvironmentCouplings]
+) -> ConfirmedCoupling | None:
+    """Return an end of a map that surely serves every environment that some coupling serves."""
+    pairs = zip(judges, maps, strict=True)
+    served = [its_judge for its_judge, its_map in pairs if its_map.outcome == "some"]
+    if len(served) < 2:
+        return None
+    ends = [end for its_map in maps for end in (its_map.softest, its_map.stiffest) if end]
+    stiffness = np.array([end.stiffness for end in ends])
+    damping = np.array([end.damping for end in ends])
+    stable = StableCouplings(served[0].setup, [its_judge.name for its_judge in served])
+    least = stable.probability(stiffness, damping)
+    for its_judge in served:
+        draws = min(MAP_DRAWS[0], its_judge.users.size)
+        real = its_judge.couplings.probabilities(Coupling(stiffness, damping), draws)
+        least = np.minimum(least, real)
+    best = ends[int(least.argmax())]
+    found = _confirmed(served, stable, Coupling(best.stiffness, best.damping))
+    decision = served[0].scene.inference.decision
+    return found if found.probability - _ERRORS * found.error >= decision else None
 
 
 def no_other_devices(setup: Setup, whose: MapUsers) -> Skipped | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -30,9 +30,9 @@ from percept.results import (
 )
 
 #: Probabilities from which on the map is a shade darker; the decision is one more.
-SHADES = (0.05, 0.25, 0.5, 0.75)
-#: Opacity of one shade: they add up where one lies on another.
-_SHADE_ALPHA = 0.16
+_SHADES = (0.05, 0.25, 0.5, 0.75)
+#: Opacity by which one shade is darker than the one before.
+_SHADE_ALPHA = 0.12
 _KILO = 1e3  # N/m in kN/m
 _ROOM = 1.3  # factor on what a logarithmic axis has to show
 _LINEAR_ROOM = 1.05
@@ -64,37 +64,33 @@ def draw_couplings(
     """
     stiffness = couplings.stiffness / _KILO
     lines = np.broadcast_to(couplings.damping[:, None], stiffness.shape)
-    shown = (stiffness, lines, couplings.probability)
+    probability = couplings.probability
+    shown = (stiffness, lines, probability)
     colour = COLOURS["coupled"]
     if couplings.limited:
         ax.plot(
             stiffness[:, -1], couplings.damping, color=COLOURS["quiet"], linewidth=0.8,
             label="edge of what can be rendered",
         )  # fmt: skip
-    most = float(couplings.probability.max())
-    for least in (*SHADES, decision):
-        if most > least:
-            ax.contourf(*shown, levels=[least, 1.1], colors=[colour], alpha=_SHADE_ALPHA)
+    levels = sorted({*_SHADES, decision})
+    colours = [(colour, _SHADE_ALPHA * (index + 1)) for index in range(len(levels))]
+    ax.contourf(*shown, levels=[*levels, 1.1], colors=colours)
     # A line of the legend also where this map has none.
     ax.plot([], [], label=f"{percent(decision)} probability", color=colour, linewidth=0.9)
-    if couplings.probability.min() < decision < most:
+    if probability.min() < decision < probability.max():
         ax.contour(*shown, levels=[decision], colors=[colour], linewidths=0.9)
     for end in (couplings.stiffest, couplings.softest):
         if end is not None:
             label = "stiffest and softest that feel real"
             place = ([end.stiffness / _KILO], [end.damping])
             ax.plot(*place, "o", markersize=3.5, color=colour, label=label)
-    ends = [float(stiffness.min()), float(stiffness.max())]
-    top = float(couplings.damping[-1])
     if used is not None:
-        own = used[0] / _KILO
-        label = "coupling in use"
-        ax.plot([own], [used[1]], "X", markersize=5, color=COLOURS["warn"], label=label)
-        ends += [own / _ROOM, own * _ROOM]
-        top = max(top, used[1])
-    ax.set_xlim(min(ends), max(ends))
+        place = ([used[0] / _KILO], [used[1]])
+        ax.plot(*place, "X", markersize=5, color=COLOURS["warn"], label="coupling in use")
+    ax.set_xscale("log")
+    ax.autoscale()
     log_scale(ax, "x", plain=True)
-    ax.set_ylim(0.0, _LINEAR_ROOM * top)
+    ax.set_ylim(bottom=0.0)
     ax.set_xlabel("stiffness (kN/m)")
     ax.set_ylabel("damping (N·s/m)")
 
@@ -102,7 +98,7 @@ def draw_couplings(
 def design_drawings(results: Results) -> list[Drawing]:
     """Return the maps of environments for which some coupling surely feels real."""
     design = results.design
-    shown = (*foremost(results), None)  # Several at once come last
+    shown = foremost(results)
     maps = matching(design.environments if design else (), outcome="some")
     maps = [one for one in maps if one.name in shown]
     if design is None or not maps:
@@ -110,13 +106,13 @@ def design_drawings(results: Results) -> list[Drawing]:
     decision = design.decision
     coupling = results.provenance.scene.get("coupling")
     used = (coupling["stiffness"], coupling["damping"]) if coupling else None
-    names = [one.name or "together" for one in maps]
+    names = [one.name for one in maps]
     columns = min(len(maps), 2 if len(maps) <= _MOST_WIDE else 3)
 
     def draw_one(ax: Axes, index: int) -> None:
         draw_couplings(ax, maps[index], decision=decision, used=used)
 
-    shades = ", ".join(f"{100 * shade:.0f}" for shade in SHADES)
+    shades = ", ".join(f"{100 * shade:.0f}" for shade in _SHADES)
     return [
         Drawing(
             name="design",
@@ -143,16 +139,8 @@ def draw_zwidth(ax: Axes, width: ZWidth) -> None:
     """
     assert width.edge is not None
     walls = [wall for wall in width.references if wall.stiffness > 0 and wall.damping > 0]
-    right = _LINEAR_ROOM * width.edge.stiffest / _KILO or 1.0
-    top = _LINEAR_ROOM * width.edge.most_damping or 1.0
-    left, bottom = 0.0, 0.0
-    if walls:
-        stiffness = [wall.stiffness / _KILO for wall in walls]
-        damping = [wall.damping for wall in walls]
-        right = max(right, _ROOM * max(stiffness))
-        top = max(top, _ROOM * max(damping))
-        left = min(min(stiffness) / _ROOM, right / _LEAST_SPAN)
-        bottom = min(min(damping) / _ROOM, top / _LEAST_SPAN)
+    left, right = _ends([wall.stiffness / _KILO for wall in walls], width.edge.stiffest / _KILO)
+    bottom, top = _ends([wall.damping for wall in walls], width.edge.most_damping)
     edges = (
         (width.edge, "coupled", "-", "rendered with every hand"),
         (width.likely, "ink", "--", "rendered by 95 % of likely devices"),
@@ -181,6 +169,12 @@ def draw_zwidth(ax: Axes, width: ZWidth) -> None:
         )  # fmt: skip
     ax.set_xlabel("stiffness (kN/m)")
     ax.set_ylabel("damping (N·s/m)")
+
+
+def _ends(sizes: Sequence[float], edge: float) -> tuple[float, float]:
+    """Return the ends of an axis that holds an edge and sizes; without sizes it starts at zero."""
+    top = _ROOM * max(edge, *sizes, 0.0) or 1.0
+    return (min(*sizes, top / _LEAST_SPAN) / _ROOM if sizes else 0.0), top
 
 
 def draw_stability(ax: Axes, coupling: Coupling) -> None:
