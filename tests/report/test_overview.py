@@ -266,9 +266,8 @@ def test_the_cause_of_another_verdict_is_said_where_the_ladder_knows_it():
     verdicts = [felt(name, 0.97, 0.9) for name in "ABC"] + [felt("D", 0.99, 0.99)]
     said = " ".join(feeling_sentences(judged(verdicts, effects=effects)))
     assert said.endswith(
-        "for A, B and C the data do not decide (90 %). The main cause in A is trial"
-        " noise, which the model tells from differences between people. The main cause in B is"
-        " what the model learns from the other walls."
+        "for A, B and C the data do not decide (90 %). The main cause in A: single"
+        " trials instead of means over trials. The main cause in B: all walls together."
     )
     assert "main cause" not in feeling(*verdicts)
     assert "main cause" not in " ".join(feeling_sentences(judged(verdicts[3:], effects=effects)))

@@ -31,6 +31,7 @@ def said_of(document):
 
 def test_couplings_that_feel_real_are_named_with_their_span(both):
     changed = copy.deepcopy(both)
+    changed["design"]["together"] = None
     absent = {"stiffest": None, "softest": None, "outcome": "none"}
     environments = changed["design"]["environments"] = [
         both["design"]["environments"][0] | {"name": name} | absent
