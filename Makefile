@@ -32,6 +32,7 @@ evidence: $(STAMP)  ## tests that take minutes: refits, kills, sweeps; their pag
 	@$(BIN)/python -m reports loop --out reports/evidence
 
 test-page: $(STAMP) build/node_modules/axe-core  ## the report's page in a headless Chromium
+	@$(BIN)/python -m pip install --quiet --editable '.[page]'
 	@$(BIN)/python -m pytest -m page tests/page -q -rs
 
 build/node_modules/axe-core:
@@ -77,6 +78,7 @@ reproduced: $(STAMP)  ## the example page and the paper of reports/ (minutes)
 	@$(MAKE) --no-print-directory report
 	@cp build/hbfd/report.html reports/example/report.html
 	@$(BIN)/python -m reports hbfd --out reports/hbfd
+	@$(BIN)/python -m pip install --quiet --editable '.[page]'
 	@$(BIN)/python -m tests.page.screenshots
 
 digits: $(STAMP)  ## digits kept, and what whole commands cost and skip, in reports/benchmark (half an hour)

@@ -11,7 +11,7 @@ import pytest
 from percept import Scene, Study, read_sessions
 from tests.fits import SHARED
 
-from .browser import Browser, Tab, find_browser
+from .browser import Tab, find_browser, running
 
 ROOT = Path(__file__).parents[2]
 
@@ -51,8 +51,9 @@ def browser():
     executable = find_browser()
     if executable is None:
         pytest.skip("no Chromium: `apt-get install chromium`, or name one in PERCEPT_BROWSER")
-    with Browser(executable) as running:
-        yield running
+    pytest.importorskip("playwright", reason="needs the extra percept-haptics[page]")
+    with running(executable) as started:
+        yield started
 
 
 @pytest.fixture(scope="session")
@@ -76,4 +77,4 @@ def open_tab(browser, page):
 
     yield opened
     for tab in tabs:
-        tab.close()
+        tab.page.close()

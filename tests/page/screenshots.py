@@ -10,7 +10,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from tests.page.browser import Browser, Tab, find_browser
+from tests.page.browser import Tab, find_browser, running
 
 EXAMPLE = Path(__file__).parents[2] / "reports" / "example"
 #: CSS pixels of a desktop's window and of a phone's.
@@ -26,13 +26,13 @@ def main():
     if executable is None:
         print("There is no Chromium: the screenshots stay as they are.")
         return
-    with Browser(executable) as browser, tempfile.TemporaryDirectory() as folder:
+    with running(executable) as browser, tempfile.TemporaryDirectory() as folder:
         taken = Path(folder) / "taken.png"
         for window, width in WIDTHS.items():
             for dark in (False, True):
                 tab = Tab(browser, EXAMPLE / "report.html", width=width, dark=dark)
                 tab.screenshot(taken, height=HEIGHT)
-                tab.close()
+                tab.page.close()
                 with Image.open(taken) as picture:
                     few = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
                 few.save(EXAMPLE / f"{window}{'-dark' * dark}.png", optimize=True)

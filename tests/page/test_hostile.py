@@ -80,7 +80,7 @@ def test_no_text_of_scene_or_data_runs_on_the_page(browser, hostile):
     tab.evaluate("document.querySelectorAll('details').forEach(e => { e.open = true; })")
     assert tab.evaluate("document.querySelector('#explorer').hidden") is False
     assert tab.complaints == []
-    tab.close()
+    tab.page.close()
 
 
 def test_figures_beside_the_page_run_nothing(browser, hostile):
@@ -91,7 +91,7 @@ def test_figures_beside_the_page_run_nothing(browser, hostile):
         assert tab.evaluate("typeof window.owned") == "undefined", figure.name
         assert tab.evaluate("document.querySelectorAll('script, img').length") == 0
         assert tab.complaints == []
-        tab.close()
+        tab.page.close()
 
 
 def test_the_policy_lets_no_other_script_run_and_nothing_be_fetched(open_tab):

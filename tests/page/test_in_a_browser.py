@@ -136,9 +136,11 @@ def test_dragging_across_one_plot_zooms_all(open_tab):
     left, middle = box[0], box[1] + box[3] / 2
     before = tab.evaluate("[...document.querySelectorAll('#explorer svg')].map(e => e.innerHTML)")
     assert tab.evaluate(RANGE) == [0.1, 100]
-    tab.mouse("mousePressed", left + 0.5 * box[2], middle)
-    tab.mouse("mouseMoved", left + 0.6 * box[2], middle)
-    tab.mouse("mouseReleased", left + 0.7 * box[2], middle)
+    tab.page.mouse.move(left + 0.5 * box[2], middle)
+    tab.page.mouse.down()
+    tab.page.mouse.move(left + 0.6 * box[2], middle)
+    tab.page.mouse.move(left + 0.7 * box[2], middle)
+    tab.page.mouse.up()
     low, high = tab.evaluate(RANGE)
     assert 0.1 < low < high < 100
     after = tab.evaluate("[...document.querySelectorAll('#explorer svg')].map(e => e.innerHTML)")
@@ -153,7 +155,7 @@ def test_the_plots_answer_the_keyboard(open_tab):
     tab.evaluate("document.querySelector('#explorer svg').focus()")
     reading = "[...document.querySelectorAll('#explorer output')].map(e => e.textContent)"
     before = tab.evaluate(reading)
-    tab.key("ArrowRight", "ArrowRight", 39)
+    tab.page.keyboard.press("ArrowRight")
     moved = tab.evaluate(reading)
     assert all(one != other for one, other in zip(before, moved, strict=True))
     tab.evaluate(
@@ -162,7 +164,7 @@ def test_the_plots_answer_the_keyboard(open_tab):
     )
     low, high = tab.evaluate(RANGE)
     assert high / low == pytest.approx(1000**0.5, rel=0.01)
-    tab.key("Escape", "Escape", 27)
+    tab.page.keyboard.press("Escape")
     assert tab.evaluate(RANGE) == [0.1, 100]
 
 
@@ -237,7 +239,7 @@ def test_nothing_is_wider_than_its_column(open_tab, width):
 
 
 def test_the_printed_page_is_a_pdf_with_its_fonts(open_tab):
-    content = open_tab().pdf()
+    content = open_tab().page.pdf()
     assert content.startswith(b"%PDF")
     assert b"/FontFile2" in content
     assert b"/Type /Page\n" in content
