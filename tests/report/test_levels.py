@@ -10,7 +10,6 @@ from percept.report.basics import distinct, matching
 from percept.report.figures.intervals import level_drawings
 from percept.report.methods import who_gave_what
 from percept.results import LevelValues
-from tests.study.test_anova import modelled
 from tests.study.within import crossed, frame, study
 
 
@@ -78,7 +77,7 @@ def test_differences_stand_in_the_unit_of_the_data():
 
 
 def test_groups_stand_side_by_side_and_colour_the_lines_of_the_others():
-    results = results_of(modelled(crossed(), "hand * load + group"))
+    results = results_of(study(crossed(), bias="hand * load + group"))
     drawings = level_drawings(results)
     assert [drawing.name for drawing in drawings] == ["levels_k_1", "levels_k_2", "levels_k_3"]
     of_group = axes_of(drawings[2])[0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from percept import Scene, Study
-from percept.sessions import Sessions
 from percept.simulate.model import Design, Hyperparameters, draw_environments, simulate
 from tests.fits import SHARED
 
@@ -49,4 +48,4 @@ def study_of(table, *, model=None, checks=None, **inference) -> Study:
     tables = {"inference": {k: v for k, v in asked.items() if v is not None}, "model": model or {}}
     if checks is not None:
         tables["checks"] = checks
-    return Study(Sessions.from_frame(table), Scene(**tables), store=SHARED)
+    return Study(table, Scene(**tables), store=SHARED)

@@ -6,18 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept import Scene, Study
 from percept.inference.classical.anova import anova
 from percept.results import AnovaRow
-from percept.sessions import ReadOptions, Sessions
 from tests.documents import build_document, page_of
-from tests.study.within import crossed, frame, study
-
-
-def modelled(table, bias, family="lognormal"):
-    inference = {"method": "classical", "family": family}
-    scene = Scene(model={"bias": bias}, inference=inference)
-    return Study(Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene)
+from tests.study.within import crossed, frame, reasons, study
 
 
 def effects_of(made):
@@ -37,7 +29,7 @@ def test_two_levels_have_the_p_of_the_overall_contrast(family):
 
 def test_crossed_factors_and_groups_are_those_of_pivoted_means():
     table = crossed()
-    made = modelled(table, "load * hand + group + dose")
+    made = study(table, bias="load * hand + group + dose")
     found = effects_of(made)
     y = np.log(table["k_adj"] / table["k_ref"])
     keys = ["environment", "hand", "load"]
@@ -60,7 +52,7 @@ def test_crossed_factors_and_groups_are_those_of_pivoted_means():
 
 def test_one_reference_and_groups_alone_are_a_t_test_of_subjects_means():
     table = crossed().query("environment == 'VE1' and hand == 'left' and load == 'low'")
-    found = effects_of(modelled(table, "group"))
+    found = effects_of(study(table, bias="group"))
     y = np.log(table["k_adj"] / table["k_ref"]).groupby(table["subject"]).mean()
     group = table.groupby("subject")["group"].first()
     test = stats.ttest_ind(y[group == "novice"], y[group == "expert"])
@@ -69,8 +61,7 @@ def test_one_reference_and_groups_alone_are_a_t_test_of_subjects_means():
     assert found["group"].p_value == pytest.approx(test.pvalue, rel=1e-9)
 
 
-def skipped_of(made):
-    return [row.why for row in made.skipped_of("anova")]
+ANOVA = "analysis of variance of stiffness"
 
 
 def test_incomplete_subjects_are_named_with_what_to_do():
@@ -78,14 +69,12 @@ def test_incomplete_subjects_are_named_with_what_to_do():
     gone = (table["subject"] == "S2") & (table["environment"] == "VE3") & (table["hand"] == "right")
     made = study(table[~gone])
     assert effects_of(made) == {}
-    (why,) = skipped_of(made)
+    why = reasons(made)[ANOVA]
     assert why.startswith("S2 has no trial in VE3 (right), and the analysis needs complete cells.")
     rule = '{ column = "subject", equals = "S2", why = "incomplete" }'
     assert f"To leave S2 out: [sessions] exclude = [{rule}]." in why
-    assert any(part.what == "analysis of variance of stiffness" for part in made.skipped_rows)
     gone |= (table["subject"] == "S5") & (table["hand"] == "left")
-    (why,) = skipped_of(study(table[~gone]))
-    assert "Cells are missing for 2 subjects in all." in why
+    assert "Cells are missing for 2 subjects in all." in reasons(study(table[~gone]))[ANOVA]
     # The rule it names works.
     complete = study(table[~gone & ~table["subject"].isin(["S2", "S5"])])
     assert effects_of(complete)["hand"].n == 6
@@ -95,13 +84,15 @@ def test_two_columns_of_groups_are_refused():
     table = crossed().query("hand == 'left' and load == 'low'")
     number = table["subject"].str[1:].astype(int)
     table = table.assign(site=np.where(number % 4 < 2, "north", "south"))
-    (why,) = skipped_of(modelled(table, "group + site"))
-    assert why == "it compares the groups of one column only"
+    assert (
+        reasons(study(table, bias="group + site"))[ANOVA]
+        == "it compares the groups of one column only"
+    )
 
 
 def test_levels_hold_every_subject_on_the_scale_of_the_contrasts():
     table = crossed()
-    made = modelled(table, "hand * load + group")
+    made = study(table, bias="hand * load + group")
     overall = [row for row in made.levels if row.environment is None]
     levels = {(row.factor, row.level): row.values for row in overall}
     y = np.log(table["k_adj"] / table["k_ref"])
@@ -128,7 +119,7 @@ def test_differences_are_in_the_unit_of_the_contrasts():
 
 
 def test_the_methods_paragraph_is_written_from_the_design():
-    made = modelled(crossed(), "hand * load + group + dose")
+    made = study(crossed(), bias="hand * load + group + dose")
     page = page_of(build_document(made, curves=False))
     text = re.sub("<[^>]*>", "", page[page.index('id="paragraph"') :]).split("BibTeX")[0]
     text = " ".join(text.split())
@@ -142,11 +133,11 @@ def test_the_methods_paragraph_is_written_from_the_design():
 
 
 def test_cells_of_other_groups_are_not_missing():
-    made = modelled(crossed(), "hand * load + group")
+    made = study(crossed(), bias="hand * load + group")
     assert not [notice for notice in made.sessions.warnings if "no trial" in notice.text]
     table = crossed()
     gone = (table["subject"] == "S2") & (table["environment"] == "VE3") & (table["hand"] == "left")
-    made = modelled(table[~gone], "hand * load + group")
+    made = study(table[~gone], bias="hand * load + group")
     (notice,) = [notice for notice in made.sessions.warnings if "no trial" in notice.text]
     assert notice.text == (
         "2 cells have no trial: 'S2 at VE3 (left, low, novice)', 'S2 at VE3 (left, high, novice)'"

@@ -11,33 +11,27 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError
-from percept.sessions import ReadOptions, Sessions
+from percept.sessions import Sessions
 from percept.study.compare import compare_studies
 from percept.study.conditions import by_level
 from tests.documents import build_document
-
-
-def sessions(prefix, *, trials=1, seed=0):
-    rng = np.random.default_rng(seed)
-    rows = [
-        [f"{prefix}{s}", "VE1", 15.0, t, 15.0 * np.exp(0.1 * rng.standard_normal())]
-        for s in range(5)
-        for t in range(trials)
-    ]
-    return Sessions.from_frame(
-        pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "trial", "k_adj"])
-    )
-
-
-def study(which, **inference):
-    return Study(which, Scene(inference={"method": "classical", **inference}))
 
 
 def scattered(prefix, centre, sd, count, seed):
     k = centre * np.exp(sd * np.random.default_rng(seed).standard_normal(count))
     subjects = [f"{prefix}{i}" for i in range(count)]
     table = pd.DataFrame({"subject": subjects, "environment": "VE1", "k_ref": 100.0, "k_adj": k})
-    return study(Sessions.from_frame(table), level=0.9), np.log(k)
+    scene = Scene(inference={"method": "classical", "level": 0.9})
+    return Study(table, scene), np.log(k)
+
+
+def without_device(study, **inference):
+    return study.scene.model_copy(update={"device": None}).with_inference(**inference)
+
+
+def others(table):
+    """The same values of other subjects."""
+    return table.assign(subject="other " + table["subject"].astype(str))
 
 
 def test_limits_of_a_difference_are_welch_s_and_those_of_a_ratio_of_spreads_fisher_s():
@@ -52,9 +46,9 @@ def test_limits_of_a_difference_are_welch_s_and_those_of_a_ratio_of_spreads_fish
 
 
 def test_blank_levels_are_named_with_their_row():
-    frame = sessions("A").table.assign(hand=["L", "R", "L", "", "R"])
-    options = ReadOptions.from_mapping({"sessions": {"groups": ["hand"]}})
-    whole = Sessions.from_frame(frame, scene=options)
+    study, _ = scattered("A", 15.0, 0.1, 5, seed=0)
+    table = study.sessions.table.assign(hand=["L", "R", "L", "", "R"])
+    whole = Sessions.from_frame(table, scene=Scene(sessions={"groups": ["hand"]}))
     with pytest.raises(UsageError, match=r"<frame>:5, column 'hand': 1 row without a value"):
         by_level(whole, ["hand"])
     # Of a part of the table the labels are those of the whole.
@@ -63,48 +57,41 @@ def test_blank_levels_are_named_with_their_row():
         by_level(some, ["hand"])
 
 
-def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
-    table = fitted.sessions.table.copy()
+def test_a_study_against_a_shifted_copy_of_itself(fitted):
+    table = others(fitted.sessions.table)
     table["k_adj"] *= 1.25
-    table["subject"] = "other " + table["subject"].astype(str)
-    scene = fitted.scene.model_copy(update={"device": None}).with_inference(tolerance=0.2)
-    other = Study(dataclasses.replace(fitted.sessions, table=table), scene)
+    other = Study(table, without_device(fitted, tolerance=0.2))
     found = compare_studies(fitted, other).differences
     k = found[(found["parameter"] == "k") & (found["method"] == "classical")]
     np.testing.assert_allclose(k["value"], 1.25, rtol=1e-9)
     np.testing.assert_allclose(k["spread_value"], 1.0, rtol=1e-6)
     b = found[(found["parameter"] == "b") & (found["method"] == "bayesian")]
-    assert (b["lower"] < 1.0).all()
-    assert (b["upper"] > 1.0).all()
+    assert ((b["lower"] < 1.0) & (b["upper"] > 1.0)).all()
     assert b["probability_above"].between(0.2, 0.8).all()
-    bayes = found[(found["parameter"] == "k") & (found["method"] == "bayesian")].set_index(
-        "environment"
-    )
-    assert bayes.loc["VE4", "probability_above"] > 0.999
-    assert (bayes["spread_lower"] < 1.0).all()
-    assert (bayes["spread_upper"] > 1.0).all()
+    bayes = found[(found["parameter"] == "k") & (found["method"] == "bayesian")]
+    assert bayes.set_index("environment").loc["VE4", "probability_above"] > 0.999
+    assert ((bayes["spread_lower"] < 1.0) & (bayes["spread_upper"] > 1.0)).all()
 
 
-def test_what_only_one_study_has_is_named(fitted: Study) -> None:
+def test_what_only_one_study_has_is_named(fitted):
     table = fitted.sessions.table
     some = table[table["environment"].isin(["VE3", "VE5"])].drop(columns=["b_ref", "b_adj"])
-    sessions = Sessions.from_frame(some.assign(subject="other " + some["subject"].astype(str)))
-    classical = fitted.scene.model_copy(update={"device": None}).with_inference(method="classical")
-    found = compare_studies(Study(fitted.sessions, classical), Study(sessions, classical))
-    assert found.notes == ("Only A has VE1, VE2, VE4: left out.", "Only A has b: left out.")
-    assert compare_studies(Study(sessions, classical), Study(fitted.sessions, classical)).notes == (
-        "Only B has VE1, VE2, VE4: left out.",
-        "Only B has b: left out.",
-    )
+    scene = without_device(fitted, method="classical")
+    studies = [Study(own, scene) for own in (fitted.sessions, others(some))]
+    for name, pair in (("A", studies), ("B", studies[::-1])):
+        assert compare_studies(*pair).notes == (
+            f"Only {name} has VE1, VE2, VE4: left out.",
+            f"Only {name} has b: left out.",
+        )
 
 
-def test_an_environment_without_a_difference_is_named(fitted: Study) -> None:
-    scene = fitted.scene.model_copy(update={"device": None}).with_inference(method="classical")
+def test_an_environment_without_a_difference_is_named(fitted):
+    scene = without_device(fitted, method="classical")
     table = fitted.sessions.table.drop(columns=["b_ref", "b_adj"])
-    other = table.assign(subject="other " + table["subject"].astype(str))
+    other = others(table)
     # One value of VE3 has no logarithm.
     other.loc[other.index[other["environment"] == "VE3"][0], "k_adj"] = -463.0
-    studies = [Study(Sessions.from_frame(own), scene) for own in (table, other)]
+    studies = [Study(own, scene) for own in (table, other)]
     found = compare_studies(*studies)
     assert found.notes[-1] == (
         "No classical difference of k in VE3: in A or B it has no interval of the lognormal family."
@@ -117,7 +104,7 @@ def test_an_environment_without_a_difference_is_named(fitted: Study) -> None:
     )
 
 
-def test_studies_that_cannot_be_compared(fitted: Study) -> None:
+def test_studies_that_cannot_be_compared(fitted):
     other = Study(fitted.sessions, fitted.scene.with_inference(level=0.9))
     with pytest.raises(UsageError, match=r"level of 0\.99 and 0\.9"):
         compare_studies(fitted, other)

@@ -6,7 +6,6 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study
-from percept.sessions import ReadOptions, Sessions
 
 
 def test_a_covariate_of_one_environment_has_the_slope_of_least_squares():
@@ -14,19 +13,14 @@ def test_a_covariate_of_one_environment_has_the_slope_of_least_squares():
     age = np.repeat(rng.uniform(20.0, 60.0, 30), 2)
     own = np.repeat(0.05 * rng.standard_normal(30), 2)
     response = 0.004 * age + own + 0.02 * rng.standard_normal(60)
-    table = pd.DataFrame(
-        {
-            "subject": [f"S{i // 2}" for i in range(60)],
-            "environment": "only",
-            "trial": [1 + i % 2 for i in range(60)],
-            "k_ref": 500.0,
-            "k_adj": 500.0 * np.exp(response),
-            "age": age,
-        }
+    table = pd.DataFrame({"age": age, "k_adj": 500.0 * np.exp(response)}).assign(
+        subject=[f"S{i // 2}" for i in range(60)],
+        trial=[1, 2] * 30,
+        environment="only",
+        k_ref=500.0,
     )
     scene = Scene(model={"bias": "age"}, inference={"method": "bayesian", "level": 0.95})
-    sessions = Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene)))
-    (slope,) = Study(sessions, scene).results(curves=False).contrast
+    (slope,) = Study(table, scene).contrast_rows
     means = table.assign(response=response).groupby("subject")[["age", "response"]].mean()
     expected = stats.linregress(means["age"], means["response"])
     # Centred on zero, the slope's prior is wide: 0.5 for an SD of age, of 0.05 here.

@@ -9,16 +9,13 @@ from scipy import stats
 
 from percept import Scene, Study
 from percept.errors import UsageError
-from percept.sessions import Sessions
 from tests.study.test_psychophysics import repeated
-
-ENVIRONMENTS = ("weich", "hart")
+from tests.study.within import reasons
 
 
 def judged(table, jnd, *, method="classical", family="normal", **tables):
     inference = {"method": method, "family": family, "tolerance": 0.1}
-    scene = Scene(study={"jnd": {"k": jnd}}, inference=inference, **tables)
-    return Study(Sessions.from_frame(table), scene)
+    return Study(table, Scene(study={"jnd": {"k": jnd}}, inference=inference, **tables))
 
 
 def settings(centre, sd, subjects=6):
@@ -69,8 +66,8 @@ def test_a_value_has_its_unit_and_a_fraction_its_reference():
     )
     study = judged(zero, 0.125)
     assert study.equivalence.empty
-    said = {part.what: part.why for part in study.skipped_rows}
-    assert said["whether stiffness of A is within one JND"].startswith("a fraction of a reference")
+    why = reasons(study)["whether stiffness of A is within one JND"]
+    assert why.startswith("a fraction of a reference")
 
 
 def test_a_jnd_of_a_reference_has_no_lower_limit_of_positive_values():
@@ -80,34 +77,30 @@ def test_a_jnd_of_a_reference_has_no_lower_limit_of_positive_values():
     assert row.p_within == pytest.approx(p, rel=1e-9)
 
 
+def assert_is_share(found, inside):
+    """The probability is the share of draws inside, within both Monte Carlo errors."""
+    error = np.sqrt(inside.mean() * (1.0 - inside.mean()) / inside.size)
+    assert abs(found["probability"] - inside.mean()) < 5.0 * (error + found["error"])
+
+
 def test_the_posterior_probability_is_the_share_of_draws_within():
-    table = repeated()
-    study = judged(table, 0.05, method="bayesian")
-    fixed = study.equivalence.set_index("environment")
+    study = judged(repeated(), 0.05, method="bayesian")
+    found = study.equivalence.set_index("environment")
     draws = study.posterior["posterior"]["population_mean"].sel(parameter="k")
-    for name in ENVIRONMENTS:
+    for name in ("weich", "hart"):
         inside = np.abs(draws.sel(environment=name).to_numpy() - 8.0) < 0.4
-        error = np.sqrt(inside.mean() * (1.0 - inside.mean()) / inside.size)
-        found = fixed.loc[name]
-        assert abs(found["probability"] - inside.mean()) < 5.0 * (error + found["error"])
-    by_trials = judged(table, "trials", method="both", family="lognormal")
+        assert_is_share(found.loc[name], inside)
+    by_trials = judged(repeated(), "trials", method="both", family="lognormal")
     fit = by_trials.fit
-    named = {name: values for name, (_, values) in fit.model.scales(fit.points).items()}
-    rng = np.random.default_rng(1)
-    means, _ = fit.model.draw(fit.points, rng)
+    _, trial_sd = fit.model.scales(fit.points)["sigma_e"]
+    means, _ = fit.model.draw(fit.points, np.random.default_rng(1))
     found = by_trials.equivalence.set_index("environment")
     assert set(found["method"]) == {"bayesian"}
     for j, name in enumerate(fit.environments):
         bias = np.abs(np.exp(means[:, j]) - 1.0)
-        inside = bias < np.expm1(named["sigma_e"][:, 0, j])
-        error = np.sqrt(inside.mean() * (1.0 - inside.mean()) / inside.size)
-        row = found.loc[name]
-        assert abs(row["probability"] - inside.mean()) < 5.0 * (error + row["error"])
-    said = {part.what: part.why for part in by_trials.skipped_rows}
-    assert (
-        "has an error that the tests do not know"
-        in said["classical verdict whether stiffness is within one JND"]
-    )
+        assert_is_share(found.loc[name], bias < np.expm1(trial_sd[:, 0, j]))
+    why = reasons(by_trials)["classical verdict whether stiffness is within one JND"]
+    assert "has an error that the tests do not know" in why
 
 
 @pytest.mark.parametrize("family", ["normal", "lognormal"])
@@ -148,6 +141,5 @@ def test_subjects_who_adjusted_alike_have_no_verdict_and_a_reason():
     alike = settings(8.1, 0.2).assign(k_adj=8.1)
     study = judged(pd.concat([alike, settings(8.1, 0.2).assign(environment="B")]), 0.125)
     assert list(study.equivalence["environment"]) == ["B"]
-    said = {part.what: part.why for part in study.skipped_rows}
     what = "classical verdict whether stiffness is within one JND in A"
-    assert said[what] == "all subjects made the same adjustments"
+    assert reasons(study)[what] == "all subjects made the same adjustments"

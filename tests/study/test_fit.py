@@ -20,7 +20,7 @@ from percept.study.responses import lacking_scatter
 from tests.study.checked import table_of
 
 
-def test_a_step_counts_relative_to_where_the_subjects_adjusted() -> None:
+def test_a_step_counts_relative_to_where_the_subjects_adjusted():
     """All set 2000 N/m at a reference of 1000: a step of 10 is one of 10/2000, uniform within."""
     table = table_of(("k", "b"), subjects=4)
     table.loc[table["environment"] == "VE2", "k_adj"] = 2000.0
@@ -76,14 +76,6 @@ def test_proportion_is_refused(level, sign, rest):
     between, trial = lacking_scatter(statistics(response, subject, environment), ("b",), IMPEDANCE)
     assert not trial[0].any()
     assert not between[0].any()
-
-
-def refused(response, subject, environment):
-    try:
-        lacking_scatter(statistics(response, subject, environment), (), IMPEDANCE)
-    except RefusalError:
-        return True
-    return False
 
 
 def test_no_scatter_is_refused_with_the_step_to_give():

@@ -7,51 +7,38 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.results import Ladder
 from tests import DATASETS
 from tests.study.checked import study_of, table_of
 
 REFERENCE = {"pooling": "none", "prior": "reference"}
 
 
-def ladder_of(study: Study) -> Ladder:
-    ladder = study.ladder
-    assert ladder is not None
-    return ladder
-
-
 @pytest.fixture(scope="module")
-def outlying() -> Study:
+def outlying():
     """Three environments of one bias and one whose users adjust 30 % lower; a fifth met by one
     subject."""
-    table = table_of(
-        subjects=10,
-        references=[[100.0, 1e3, 1e4, 3e4, 5e4]],
-        alpha=0.3,
-        tau=0.02,
-        sigma_u=0.0,
-        s=0.2,
-    )
+    references = [[100.0, 1e3, 1e4, 3e4, 5e4]]
+    table = table_of(references=references, alpha=0.3, tau=0.02, sigma_u=0.0, s=0.2)
     table.loc[table["environment"] == "VE2", "k_adj"] *= 0.7
     table = table[(table["environment"] != "VE5") | (table["subject"] == "S01")]
     return study_of(table, method="both", family="normal")
 
 
-def widths_of(study: Study, kind: str, **where: str) -> pd.DataFrame:
+def widths_of(study, kind, **where):
     """Effects of every step on the intervals of a kind, by cause."""
-    effects = pd.DataFrame(ladder_of(study).effects)
+    effects = pd.DataFrame(study.ladder.effects)
     for name, value in {"kind": kind, **where}.items():
         effects = effects[effects[name] == value]
     return effects.set_index("cause")
 
 
-def test_the_same_method_twice_makes_no_difference_beyond_its_error() -> None:
+def test_the_same_method_twice_makes_no_difference_beyond_its_error():
     """Under the reference prior without pooling the posterior is Eq. 15's t, whose limits have
     no error."""
     study = study_of(
         table_of(("k", "b"), subjects=6), model=REFERENCE, method="both", family="normal"
     )
-    effects = pd.DataFrame(ladder_of(study).effects)
+    effects = pd.DataFrame(study.ladder.effects)
     assert list(effects["cause"].unique()) == ["all", "sampling"]
     assert len(effects) == 2 * 6 * 3
     apart = effects["log_width"] / effects["log_width_error"]
@@ -63,24 +50,24 @@ def test_the_same_method_twice_makes_no_difference_beyond_its_error() -> None:
     assert effects["centre"].abs().max() < 1e-12
 
 
-def test_an_outlying_environment_is_moved_by_pooling(outlying: Study) -> None:
+def test_an_outlying_environment_is_moved_by_pooling(outlying):
     found = widths_of(outlying, "mean", environment="VE2")
     assert list(found.index) == ["all", "prior", "pooling"]
     assert found.loc["pooling", "centre"] > 0.05
     assert found.loc["pooling", "centre"] > abs(found.loc["prior", "centre"])
 
 
-def test_an_environment_that_cannot_stand_alone_has_a_note_and_no_ladder(outlying: Study) -> None:
-    (note,) = ladder_of(outlying).notes
+def test_an_environment_that_cannot_stand_alone_has_a_note_and_no_ladder(outlying):
+    (note,) = outlying.ladder.notes
     assert note.startswith(
         "VE5: the step of the prior is missing: at least two subjects are needed"
     )
-    environments = {effect.environment for effect in ladder_of(outlying).effects}
+    environments = {effect.environment for effect in outlying.ladder.effects}
     assert environments == {"VE1", "VE2", "VE3", "VE4"}
 
 
-def test_steps_lead_from_the_classical_interval_to_the_bayesian(outlying: Study) -> None:
-    effects, intervals = pd.DataFrame(ladder_of(outlying).effects), outlying.intervals
+def test_steps_lead_from_the_classical_interval_to_the_bayesian(outlying):
+    effects, intervals = pd.DataFrame(outlying.ladder.effects), outlying.intervals
     rows = intervals.query("joint == 'marginal' and family == 'normal'").set_index(
         ["method", "environment", "parameter", "kind"]
     )
@@ -96,10 +83,10 @@ def test_steps_lead_from_the_classical_interval_to_the_bayesian(outlying: Study)
             assert rest[name].sum() == pytest.approx(whole[name], abs=1e-12)
 
 
-def test_trial_sds_of_each_user_are_a_step_of_their_own() -> None:
+def test_trial_sds_of_each_user_are_a_step_of_their_own():
     scene = Scene(inference={"family": "normal", "tolerance": 0.3})
     sessions = read_sessions("tests/golden/data/own_trials.csv", scene=scene)
-    causes = dict.fromkeys(effect.cause for effect in ladder_of(Study(sessions, scene)).effects)
+    causes = dict.fromkeys(effect.cause for effect in Study(sessions, scene).ladder.effects)
     assert list(causes) == ["all", "prior", "trials", "pooling", "own_trials"]
 
 
@@ -107,9 +94,7 @@ def test_trial_sds_of_each_user_are_a_step_of_their_own() -> None:
     ("correlation", "named"),
     [(0.95, True), pytest.param(0.0, False, marks=pytest.mark.evidence)],
 )
-def test_correlation_moves_stiffness_that_nothing_else_moves(
-    correlation: float, named: bool
-) -> None:
+def test_correlation_moves_stiffness_that_nothing_else_moves(correlation, named):
     """Stiffness set without bias, damping far off what its prior holds possible.
 
     Only what damping's prior does, through the correlation, can move stiffness.
@@ -119,16 +104,9 @@ def test_correlation_moves_stiffness_that_nothing_else_moves(
     vectors, _, _ = np.linalg.svd(scores - scores.mean(axis=0), full_matrices=False)
     k = vectors[:, 0]
     b = correlation * vectors[:, 0] + np.sqrt(1.0 - correlation**2) * vectors[:, 1]
-    table = pd.DataFrame(
-        {
-            "subject": [f"S{user:02d}" for user in range(12)],
-            "environment": "VE1",
-            "k_ref": 1e3,
-            "b_ref": 5.0,
-            "k_adj": 1e3 * (1.0 + 0.6 * k),
-            "b_adj": 5.0 * (1.4 + 0.6 * b),
-        }
-    )
+    adjusted = {"k_adj": 1e3 * (1.0 + 0.6 * k), "b_adj": 5.0 * (1.4 + 0.6 * b)}
+    subjects = [f"S{user:02d}" for user in range(12)]
+    table = pd.DataFrame(adjusted).assign(subject=subjects, environment="VE1", k_ref=1e3, b_ref=5.0)
     tight = {"priors": {"alpha_sd": 0.05, "tau_scale": 0.05}}
     study = study_of(table, model=tight, method="both")
     found = widths_of(study, "mean", parameter="k")
@@ -137,9 +115,8 @@ def test_correlation_moves_stiffness_that_nothing_else_moves(
     assert (found.loc["correlation", "centre"] < -0.2) == named
 
 
-def test_pairs_by_hand(fitted: Study) -> None:
+def test_pairs_by_hand(fitted):
     pairs = fitted.comparison
-    assert pairs is not None
     assert len(pairs) == 30
     where = {"environment": "VE3", "parameter": "b", "kind": "user", "family": "lognormal"}
     (pair,) = [one for one in pairs if where.items() <= vars(one).items()]
@@ -149,12 +126,11 @@ def test_pairs_by_hand(fitted: Study) -> None:
     assert pair.shift == pytest.approx(new.estimate / old.estimate - 1.0)
 
 
-def test_levels_of_a_factor_have_a_ladder_each() -> None:
+def test_levels_of_a_factor_have_a_ladder_each():
     """An environment by itself has one level: its step leaves the factor out."""
     scene = Scene.load(DATASETS / "sleep.toml").with_inference(tolerance=0.2, kinds=["mean"])
     study = Study(read_sessions(DATASETS / "sleep.csv", scene=scene), scene)
     ladder = study.ladder
-    assert ladder is not None
     assert ladder.notes == ()
     effects = pd.DataFrame(ladder.effects)
     causes = effects.groupby("environment")["cause"].agg(list).to_dict()

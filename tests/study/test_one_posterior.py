@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from percept import Scene, Study, UsageError
-from percept.sessions import ReadOptions, Sessions
+from percept import UsageError
 from percept.study.prediction import predict
 from percept.study.prepare import prepare
 from tests.fits import SHARED
@@ -15,17 +14,11 @@ from tests.study.within import crossed, frame, study
 ASKED = {"method": "bayesian", "tolerance": 0.3, "level": 0.9}
 
 
-def opened(table, **model):
-    """A Bayesian study of a table under a model."""
-    scene = Scene(model=model, inference=ASKED)
-    return Study(Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene)
-
-
 @pytest.fixture(scope="module")
 def parts():
     """Three levels, one trial each."""
-    made = study(frame(trials=1, levels=("left", "right", "both"), subjects=5))
-    return Study(made.sessions, made.scene.with_inference(**ASKED), store=SHARED)
+    table = frame(trials=1, levels=("left", "right", "both"), subjects=5)
+    return study(table, inference=ASKED, store=SHARED)
 
 
 @pytest.mark.evidence
@@ -57,9 +50,7 @@ def test_limits_that_hold_together_contain_the_single_ones(parts):
 
 def test_an_environment_nobody_tested_is_predicted_in_each_condition(parts):
     """At a tested reference the next user is told less than there, and about the same."""
-    made = study(frame(trials=1, levels=("left", "right", "both"), subjects=5))
-    again = Study(made.sessions, made.scene.with_inference(**ASKED), store=SHARED)
-    prediction = predict(again, stiffness=100.0)
+    prediction = predict(parts, stiffness=100.0)
     users = prediction.intervals.query("kind == 'user'").set_index("environment")
     tested = parts.intervals.query("kind == 'user'").set_index("environment")
     assert list(users.index) == ["new (left)", "new (right)", "new (both)"]
@@ -80,7 +71,7 @@ def test_an_environment_nobody_tested_is_predicted_in_each_condition(parts):
 )
 def test_simpler_models_without_factors_are_refused_by_name(option, why):
     (key,) = option
-    made = opened(frame(trials=1, subjects=3), bias="hand", **option)
+    made = study(frame(trials=1, subjects=3), bias="hand", model=option, inference=ASKED)
     with pytest.raises(UsageError, match=rf"{key}.*{why}"):
         prepare(made.data)
 
@@ -89,7 +80,7 @@ def test_three_factors_have_an_interaction_of_their_own():
     """The difference of the differences of differences of cells."""
     table = crossed(subjects=4)
     block = np.where(table["trial"] == 1, "early", "late")
-    made = opened(table.assign(block=block), bias="hand * load * block")
+    made = study(table.assign(block=block), bias="hand * load * block", inference=ASKED)
     found = prepare(made.data)
     of_term = [own for own in found.contrasts if own.comparison.factor == "hand:load:block"]
     assert [own.comparison.environment for own in of_term] == ["VE1", "VE2", "VE3", None]

@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 import xarray
 
-from percept import Sessions, Study
 from percept.inference.checks.predictive import leave_one_out
-from percept.scene import Scene
-from percept.sessions.options import ReadOptions
 from percept.study.posterior import variables_of_posterior
 from tests.study.within import frame, study
 
 DOCS = Path(__file__).parents[2] / "docs"
+BAYESIAN = {"method": "bayesian", "tolerance": 0.1}
 
 
 @pytest.fixture(scope="module")
@@ -94,8 +92,7 @@ def test_subject_effects_lie_where_the_data_are(opened):
 
 
 def test_a_study_with_a_factor_has_its_terms():
-    inference = {"method": "bayesian", "tolerance": 0.1}
-    tree = study(frame(subjects=4), inference=inference).posterior
+    tree = study(frame(subjects=4), inference=BAYESIAN).posterior
     of_draws = {"posterior", "posterior_predictive", "prior", "sample_stats"}
     assert set(tree.children) == of_draws | {"log_likelihood", "observed_data"}
     found = tree["posterior"].data_vars
@@ -110,13 +107,9 @@ def test_a_study_with_a_factor_has_its_terms():
 def test_a_slash_in_a_factors_name_is_no_path(tmp_path):
     """A DataTree reads a path at a slash; the meaning keeps the name."""
     table = frame(subjects=4).rename(columns={"hand": "left/right"})
-    scene = Scene(
-        study={"factor": "left/right"},
-        inference={"method": "bayesian", "tolerance": 0.3, "parameters": ["k"]},
-    )
-    options = ReadOptions.from_mapping(dict(scene))
+    made = study(table, study={"factor": "left/right"}, inference=BAYESIAN | {"tolerance": 0.3})
     path = tmp_path / "posterior.nc"
-    path.write_bytes(Study(Sessions.from_frame(table, scene=options), scene).posterior_file())
+    path.write_bytes(made.posterior_file())
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         variable = tree["posterior"].data_vars["psi:left\N{DIVISION SLASH}right"]
         assert variable.attrs["long_name"] == "differences of levels in log sigma, left/right"

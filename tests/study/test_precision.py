@@ -3,14 +3,12 @@
 import itertools
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy import integrate, stats
 
-from percept import Scene, Study, UsageError
-from percept.sessions import ReadOptions, Sessions
+from percept import UsageError
 from tests.fits import SHARED
-from tests.study.within import frame
+from tests.study.within import frame, reasons, study
 
 RATIO = 1.5
 FITTED = {"method": "both", "tolerance": 0.3, "kinds": ["mean"]}
@@ -18,36 +16,20 @@ FITTED = {"method": "both", "tolerance": 0.3, "kinds": ["mean"]}
 
 def planted(seed, *, subjects=8, trials=5, apart=False):
     """Trials whose SD is 1.5 times as large at the second level; `apart` gives each subject one."""
-    rng = np.random.default_rng(seed)
-    rows = []
-    for s in range(subjects):
-        shared, change = rng.normal(0.0, [0.15, 0.05])
-        own = 0.1 * np.exp(rng.normal(0.0, 0.3))
-        for environment, reference in (("VE1", 10.0), ("VE2", 1000.0)):
-            for c, level in enumerate(("left", "right")):
-                if apart and s % 2 != c:
-                    continue
-                middle = shared + c * change + rng.normal(0.0, 0.08)
-                for trial in range(1, trials + 1):
-                    y = middle + rng.normal(0.0, own * RATIO**c)
-                    rows.append(
-                        [f"S{s}", environment, level, reference, trial, reference * np.exp(y)]
-                    )
-    columns = ["subject", "environment", "hand", "k_ref", "trial", "k_adj"]
-    return pd.DataFrame(rows, columns=columns)
+    table = frame(subjects, trials, seed=seed, sds=(0.1, 0.1 * RATIO))
+    table = table[table["environment"] != "VE3"]
+    if apart:
+        is_odd = table["subject"].str[1:].astype(int) % 2 == 1
+        table = table[is_odd == (table["hand"] == "right")]
+    return table
 
 
-def opened(table, precision="hand", bias="hand", **inference):
-    scene = Scene(
-        model={"bias": bias, "precision": precision},
-        inference={"method": "classical", "level": 0.95, **inference},
-    )
-    sessions = Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene)))
-    return Study(sessions, scene, store=SHARED)
+def opened(table, precision="hand", **inference):
+    return study(table, store=SHARED, model={"precision": precision}, inference=inference)
 
 
-def precision_of(study):
-    rows = [row for row in study.contrast_rows if row.of == "precision"]
+def precision_of(made):
+    rows = [row for row in made.contrast_rows if row.of == "precision"]
     return {row.environment: row for row in rows}
 
 
@@ -98,18 +80,18 @@ def test_what_has_no_ratio_is_named():
     first = (table["subject"] == "S2") & (table["hand"] == "left") & (table["environment"] == "VE1")
     table.loc[first, "k_adj"] = 11.0
     table = table[(table["environment"] == "VE1") | (table["trial"] == 1)]
-    study = opened(table)
-    rows = precision_of(study)
+    made = opened(table)
+    rows = precision_of(made)
     assert list(rows) == ["VE1"]
     assert rows["VE1"].n == 5
-    why = {part.what: part.why for part in study.skipped_rows}
+    why = reasons(made)
     assert why["S2 in the precision of stiffness"] == (
         "all trials in VE1 (left) are equal, and zero has no logarithm"
     )
     what = "contrast of precision of stiffness, right against left, in VE2"
     once = opened(table[table["trial"] == 1])
     assert not precision_of(once)
-    why = {part.what: part.why for part in once.skipped_rows}
+    why = reasons(once)
     assert why[what.replace("VE2", "VE1, VE2")] == "there are no repeated trials at all its levels"
     fit = opened(table, **FITTED)
     rows = [row for row in fit.contrast_rows if row.of == "precision"]
@@ -118,7 +100,7 @@ def test_what_has_no_ratio_is_named():
         ("VE1", "bayesian"),
     ]
     assert all(row.lower < RATIO < row.upper for row in rows)
-    why = {part.what: part.why for part in fit.skipped_rows}
+    why = reasons(fit)
     assert why[what] == "there are no repeated trials at all its levels"
 
 

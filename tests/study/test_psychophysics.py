@@ -14,8 +14,8 @@ from scipy import stats
 
 from percept import Scene, Study
 from percept.results import Measure
-from percept.sessions import Sessions
 from tests.study.checked import study_of, table_of
+from tests.study.within import reasons
 
 QUARTILE = stats.norm.ppf(0.75)
 
@@ -36,7 +36,7 @@ def repeated(subjects=5, reference=8.0, repeats=3, seed=4):
 
 def classical(table, **tables):
     inference = {"method": "classical", "level": 0.9} | tables.pop("inference", {})
-    return Study(Sessions.from_frame(table), Scene(inference=inference, **tables)).psychophysics
+    return Study(table, Scene(inference=inference, **tables)).psychophysics
 
 
 def numbers(table, measure, environment=None):
@@ -113,18 +113,12 @@ def test_two_subjects_tell_no_correlation(subjects, has):
 
 def test_posterior_rows_follow_from_the_draws(fitted):
     found = fitted.psychophysics
-    bayesian = found[found["method"] == "bayesian"]
+    bayesian = found[found["method"] == "bayesian"].set_index(["measure", "parameter"])
     fit = fitted.fit
     draws = {name: values for name, (_, values) in fit.model.scales(fit.points).items()}
-    shared = draws["sigma_u"][:, 0]
-    (row,) = bayesian[
-        (bayesian["measure"] == "sigma_u") & (bayesian["parameter"] == "k")
-    ].itertuples()
-    assert (row.lower, row.upper) == pytest.approx(np.quantile(shared, [0.005, 0.995]), rel=1e-12)
-    between = draws["sigma"]
-    together = draws["sigma_u"]
-    rho = draws["rho_w"]
-    rho_u = draws["rho_u"]
+    row = bayesian.loc["sigma_u", "k"].iloc[0]
+    limits = np.quantile(draws["sigma_u"][:, 0], [0.005, 0.995])
+    assert (row["lower"], row["upper"]) == pytest.approx(limits, rel=1e-12)
 
     def covariances(sd, correlation):
         matrix = np.tile(np.eye(2), (len(sd), 1, 1))
@@ -132,10 +126,11 @@ def test_posterior_rows_follow_from_the_draws(fitted):
         return sd[:, :, None] * matrix * sd[:, None, :]
 
     decades = fit.model.statistics.x[:, 2]
-    trends = covariances(np.abs(decades) * draws["sigma_v:trend"], draws["rho_v:trend"])
-    whole = covariances(together, rho_u) + covariances(between[..., 2], rho) + trends
+    whole = covariances(np.abs(decades) * draws["sigma_v:trend"], draws["rho_v:trend"])
+    whole += covariances(draws["sigma_u"], draws["rho_u"])
+    whole += covariances(draws["sigma"][..., 2], draws["rho_w"])
     twin = np.median(whole[:, 0, 1] / np.sqrt(whole[:, 0, 0] * whole[:, 1, 1]))
-    of_pair = bayesian[bayesian["measure"] == "correlation"].set_index("environment")
+    of_pair = bayesian.loc["correlation"].set_index("environment")
     assert of_pair.loc["VE3", "estimate"] == pytest.approx(twin, rel=1e-9)
     assert (bayesian["error"] > 0.0).all()
     assert found[found["method"] == "classical"]["error"].isna().all()
@@ -147,29 +142,29 @@ def test_the_page_of_measures_names_each():
     assert named == set(get_args(Measure))
 
 
-def test_what_has_no_jnd_is_named_with_the_reason():
-    data = repeated()
-    once = data[(data["environment"] == "weich") | (data["trial"] == 1)]
-
-    def said(table):
-        study = Study(Sessions.from_frame(table), Scene(inference={"method": "classical"}))
-        measures = study.psychophysics
-        told = set(measures[measures["measure"] == "jnd"]["environment"])
-        return told, [(row.what, row.why) for row in study.skipped_rows if "JND" in row.what]
-
-    why = "it needs repeated trials"
-    assert said(data) == ({"weich", "hart"}, [])
-    assert said(once) == ({"weich"}, [("JND of stiffness in hart", why)])
-    assert said(data[data["trial"] == 1]) == (set(), [("JND of stiffness", why)])
+@pytest.mark.parametrize(
+    ("query", "with_jnd", "why"),
+    [
+        ("trial > 0", {"weich", "hart"}, {}),
+        (
+            "trial == 1 or environment == 'weich'",
+            {"weich"},
+            {"JND of stiffness in hart": "it needs repeated trials"},
+        ),
+        ("trial == 1", set(), {"JND of stiffness": "it needs repeated trials"}),
+    ],
+)
+def test_what_has_no_jnd_is_named_with_the_reason(query, with_jnd, why):
+    study = Study(repeated().query(query), Scene(inference={"method": "classical"}))
+    measures = study.psychophysics
+    assert set(measures[measures["measure"] == "jnd"]["environment"]) == with_jnd
+    assert {what: said for what, said in reasons(study).items() if "JND" in what} == why
 
 
 def test_an_sd_that_leads_beyond_the_doubles_has_no_upper_limit():
-    settings = pd.DataFrame(
-        {"subject": ["Ann", "Ben"], "k_ref": 10.0, "k_adj": 10.0 * np.exp([-3.6, 3.6])}
-    )
-    table = settings.assign(environment="VE1")
-    scene = Scene(inference={"method": "classical", "level": 0.99})
-    found = Study(Sessions.from_frame(table), scene).psychophysics
+    adjusted = 10.0 * np.exp([-3.6, 3.6])
+    table = pd.DataFrame({"subject": ["Ann", "Ben"], "k_ref": 10.0, "k_adj": adjusted})
+    found = classical(table.assign(environment="VE1"), inference={"level": 0.99})
     (row,) = found[found["measure"] == "sd_subjects"].itertuples()
     sd = 7.2 / np.sqrt(2.0)
     assert row.estimate == pytest.approx(10.0 * np.expm1(sd))

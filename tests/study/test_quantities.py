@@ -12,10 +12,9 @@ from scipy import stats
 
 from percept import Scene, Study
 from percept.errors import RefusalError, UsageError
-from percept.results import Skipped
-from percept.sessions import ReadOptions, Sessions
 from percept.study.prepare import prepare
 from tests.documents import build_document, page_of
+from tests.study.within import reasons
 
 DURATION = {"quantities": {"duration": {"symbol": "t", "unit": "ms"}}}
 CLASSICAL = {"inference": {"method": "classical", "level": 0.95}}
@@ -29,8 +28,7 @@ def frame(references=(400.0, 600.0, 900.0, 1400.0), subjects=6):
 
 
 def study_of(table, tables):
-    scene = Scene(**tables)
-    return Study(Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene)
+    return Study(table, Scene(**tables))
 
 
 def test_classical_numbers_are_scipys_in_the_unit_declared():
@@ -56,10 +54,8 @@ def test_the_band_law_is_against_the_reference_itself():
 
 def test_references_alike_cost_the_law_only():
     study = study_of(frame(references=(500.0, 500.0, 500.0)), DURATION | CLASSICAL)
-    assert (
-        Skipped("band law", "without one environment all references lie within 5 % of each other")
-        in study.skipped_rows
-    )
+    why = "without one environment all references lie within 5 % of each other"
+    assert reasons(study)["band law"] == why
     assert study.band.laws == ()
     assert len(study.intervals) == 18
 
@@ -68,26 +64,20 @@ def test_zero_costs_what_needs_its_logarithm_only():
     table = frame()
     table.loc[0, "duration_adj"] = 0.0
     study = study_of(table, DURATION | {"inference": {"method": "both", "tolerance": 0.1}})
-    left = {skipped.what: skipped.why for skipped in study.skipped_rows}
-    assert (
-        "zero or negative values have no logarithm (1 there)"
-        in left["S0, in the hierarchical model"]
-    )
+    left = reasons(study)
+    why = "zero or negative values have no logarithm (1 there)"
+    assert why in left["S0, in the hierarchical model"]
     assert left["classical lognormal intervals of duration in S0"] == "a value is zero or negative"
-    assert set(study.intervals.query("family == 'normal'")["environment"]) == {
-        "S0",
-        "S1",
-        "S2",
-        "S3",
-    }
-    assert set(study.intervals.query("family == 'lognormal'")["environment"]) == {"S1", "S2", "S3"}
+    families = study.intervals.groupby("environment")["family"].agg(set)
+    both = {"normal", "lognormal"}
+    assert families.to_dict() == {"S0": {"normal"}, "S1": both, "S2": both, "S3": both}
     cautions = build_document(study)["summary"]["cautions"]
     assert any(
         text.startswith("The hierarchical model leaves out S0: zero or negative")
         for text in cautions
     )
     every = table.assign(duration_adj=table["duration_adj"].where(table["subject"] != "P0", 0.0))
-    left = {part.what: part.why for part in study_of(every, DURATION).skipped_rows}
+    left = reasons(study_of(every, DURATION))
     assert "no logarithm (4 in all)" in left["Bayesian intervals"]
     with pytest.raises(RefusalError, match="no logarithm"):
         _ = study_of(table, DURATION | {"inference": {"method": "bayesian"}}).intervals
@@ -131,10 +121,8 @@ def three_quantities():
 
 
 def prepared(tables):
-    study = study_of(
-        three_quantities(), {"quantities": {"force": {}, "length": {}, "weight": {}}} | tables
-    )
-    return prepare(study.data)
+    quantities = {"quantities": {"force": {}, "length": {}, "weight": {}}}
+    return prepare(study_of(three_quantities(), quantities | tables).data)
 
 
 def test_of_three_quantities_the_two_named_together_share_a_model():

@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study
-from percept.sessions import Sessions
 
 SUBJECTS = 24
 GAMMA = 0.15
@@ -31,7 +30,7 @@ def table(slope_sd=SLOPE_SD, seed=5):
 def slopes(made):
     """Rows of both measures."""
     scene = Scene(inference={"method": "bayesian", "tolerance": 0.3, "level": 0.99})
-    rows = Study(Sessions.from_frame(made), scene).psychophysics
+    rows = Study(made, scene).psychophysics
     return rows[rows["measure"].isin(["gamma", "sigma_slope"])].set_index("measure")
 
 

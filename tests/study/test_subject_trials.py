@@ -6,7 +6,6 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study
-from percept.sessions import ReadOptions, Sessions
 from percept.study.prepare import prepare
 
 SUBJECTS = 6
@@ -32,9 +31,7 @@ def table(trials=5, seed=8, sds=SDS):
 
 def study(made, *, bias="hand", **model):
     inference = {"method": "bayesian", "tolerance": 0.3, "level": 0.99}
-    scene = Scene(model={"bias": bias, **model}, inference=inference)
-    options = ReadOptions.from_mapping(dict(scene))
-    return Study(Sessions.from_frame(made, scene=options), scene)
+    return Study(made, Scene(model={"bias": bias, **model}, inference=inference))
 
 
 @pytest.fixture(scope="module")
@@ -66,22 +63,10 @@ def test_each_subject_has_the_trial_sd_that_was_planted(found):
     np.testing.assert_allclose(fraction["estimate"], np.expm1(own["estimate"]), rtol=1e-12)
 
 
-def test_a_single_trial_sd_is_told_on():
-    (skipped,) = prepared(table(), subjects_trial_sd=False).skipped
-    assert skipped.what == "subjects' own trial SDs of stiffness"
-    assert skipped.why == "[model] subjects_trial_sd = false"
-
-
-def prepared(made, **model):
-    opened = study(made, **model)
-    return prepare(opened.data)
-
-
 def plain(made, **model):
     """Prepare a study without factors."""
     numbered = made.assign(trial=made.groupby(["subject", "environment"]).cumcount() + 1)
-    opened = study(numbered.drop(columns="hand"), bias=None, **model)
-    return prepare(opened.data)
+    return prepare(study(numbered.drop(columns="hand"), bias=None, **model).data)
 
 
 def has_own(found):
@@ -131,25 +116,11 @@ def test_repeats_without_scatter_are_named(alike, why, setting):
 
 
 def test_groups_with_trial_sds_of_their_own_have_jnds_of_their_own():
-    rng = np.random.default_rng(1)
     sds = {"novice": 0.30, "expert": 0.06}
-    rows = []
-    for subject in range(10):
-        group = ("novice", "expert")[subject % 2]
-        effect = rng.normal(0.0, 0.1)
-        for environment, reference in (("VE1", 10.0), ("VE2", 100.0)):
-            location = effect + rng.normal(0.0, 0.05)
-            for trial in range(1, 11):
-                adjusted = reference * np.exp(location + rng.normal(0.0, sds[group]))
-                rows.append([f"S{subject}", environment, group, reference, trial, adjusted])
-    names = ["subject", "environment", "group", "k_ref", "trial", "k_adj"]
-    table = pd.DataFrame(rows, columns=names)
-    scene = Scene(
-        model={"bias": "group", "subjects_trial_sd": True},
-        inference={"method": "bayesian", "level": 0.99, "tolerance": 0.1},
-    )
-    sessions = Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene)))
-    found = Study(sessions, scene).psychophysics
+    made = table(trials=10, seed=1, sds=[*sds.values()] * 5).query("hand == 'left'")
+    groups = np.where(made["subject"].str[1:].astype(int) % 2 == 0, "novice", "expert")
+    grouped = made.drop(columns="hand").assign(group=groups)
+    found = study(grouped, bias="group", subjects_trial_sd=True).psychophysics
     webers = found[(found["measure"] == "weber") & found["environment"].notna()]
     assert len(webers) == 4
     for row in webers.itertuples():

@@ -11,6 +11,7 @@ from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.sessions import Sessions
 from tests import DATASETS
 from tests.fits import SHARED
+from tests.study.within import reasons
 from tests.unmixed import UNMIXED, unmixed_sessions
 
 TABLE = pd.read_csv(DATASETS / "hbfd_table1.csv", dtype=str)
@@ -86,13 +87,10 @@ def test_corner_curves_are_equations_16_and_17(classical):
 
 
 def test_failed_gate_withholds_the_bayesian_numbers():
-    study = Study(Sessions.from_frame(unmixed_sessions()), hbfd_scene(**UNMIXED), store=SHARED)
+    study = Study(unmixed_sessions(), hbfd_scene(**UNMIXED), store=SHARED)
     assert set(study.intervals["method"]) == {"classical"}
     assert study.posterior is None
-    assert (
-        "autocorrelation times"
-        in {part.what: part.why for part in study.skipped_rows}["Bayesian intervals"]
-    )
+    assert "autocorrelation times" in reasons(study)["Bayesian intervals"]
 
 
 def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
@@ -115,36 +113,38 @@ def frame(**changes):
     return table.assign(**changes)
 
 
-def test_one_subject_is_refused():
-    table = frame()
-    study = Study(Sessions.from_frame(table[table.subject == "S01"]), hbfd_scene())
-    with pytest.raises(RefusalError, match=r"at least two subjects .* only one, 'S01'"):
-        _ = study.fit
+@pytest.mark.parametrize(
+    ("query", "changes", "inference", "message"),
+    [
+        ("subject == 'S01'", {}, {}, r"at least two subjects .* only one, 'S01'"),
+        (
+            "environment == 'VE1'",
+            {"b_ref": 0.0},
+            {"family": "normal", "method": "bayesian"},
+            "reference damping of VE1 is 0, which has no ratio",
+        ),
+    ],
+)
+def test_what_has_no_posterior_is_refused(query, changes, inference, message):
+    table = frame(**changes).query(query)
+    with pytest.raises(RefusalError, match=message):
+        _ = Study(table, hbfd_scene(**inference)).fit
 
 
 def test_negative_value_under_lognormal_is_refused_with_its_place():
     table = frame()
     table.loc[7, "b_adj"] = -0.5
-    study = Study(Sessions.from_frame(table), hbfd_scene(method="bayesian"))
     with pytest.raises(RefusalError, match="has no logarithm") as caught:
-        _ = study.fit
+        _ = Study(table, hbfd_scene(method="bayesian")).fit
     assert (caught.value.row, caught.value.column, caught.value.value) == (9, "b_adj", -0.5)
     assert 'family = "normal"' in str(caught.value)
-
-
-def test_zero_reference_is_refused_without_a_scale():
-    table = frame()
-    table.loc[table.environment == "VE1", "b_ref"] = 0.0
-    scene = hbfd_scene(family="normal", method="bayesian")
-    with pytest.raises(RefusalError, match="reference damping of VE1 is 0, which has no ratio"):
-        _ = Study(Sessions.from_frame(table), scene).fit
 
 
 def test_what_no_session_has_is_refused():
     table = frame().drop(columns=["b_ref", "b_adj"])
     scene = Scene(inference={"parameters": ["k", "b"]})
     with pytest.raises(RefusalError, match="the scene asks for damping, which no session has"):
-        _ = Study(Sessions.from_frame(table), scene).data.parameters
+        _ = Study(table, scene).data.parameters
     sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
     nothing = dataclasses.replace(sessions, table=sessions.table.assign(k_adj=np.nan, b_adj=np.nan))
     with pytest.raises(RefusalError, match="no adjusted value is left in the data"):
@@ -152,14 +152,8 @@ def test_what_no_session_has_is_refused():
 
 
 def test_a_study_reads_files_and_tables_as_its_scene_says(tmp_path):
-    frame = pd.DataFrame(
-        {
-            "subject": ["Ann", "Ben", "Cem"],
-            "wall": ["soft"] * 3,
-            "k_ref": [500.0] * 3,
-            "k_adj": [560.0, 470.0, 530.0],
-        }
-    )
+    people = {"subject": ["Ann", "Ben", "Cem"], "k_adj": [560.0, 470.0, 530.0]}
+    frame = pd.DataFrame(people).assign(wall="soft", k_ref=500.0)
     frame.to_csv(tmp_path / "walls.csv", index=False)
     scene = tmp_path / "scene.toml"
     scene.write_text('columns = { environment = "wall" }\ninference = { method = "classical" }\n')

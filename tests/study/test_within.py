@@ -3,15 +3,10 @@
 import numpy as np
 import pytest
 
-from percept import Scene, Study, UsageError
-from percept.sessions import ReadOptions, Sessions
+from percept import UsageError
 from tests.study.within import crossed, frame, study
 
-
-def bayesian(made, **inference):
-    asked = {"tolerance": 0.05, "method": "bayesian"} | inference
-    scene = made.scene.with_inference(**asked)
-    return Study(made.sessions, scene)
+BAYESIAN = {"method": "bayesian", "tolerance": 0.05}
 
 
 @pytest.fixture(scope="module")
@@ -21,13 +16,9 @@ def made():
 
 
 @pytest.fixture(scope="module")
-def rows(made):
-    return bayesian(made)
-
-
-@pytest.fixture(scope="module")
-def computed(rows):
-    return [vars(row) for row in rows.contrast_rows]
+def computed(made):
+    bayesian = made.over(made.sessions, made.scene.with_inference(**BAYESIAN))
+    return [vars(row) for row in bayesian.contrast_rows]
 
 
 def test_many_subjects_leave_little_to_the_priors(made, computed):
@@ -53,9 +44,9 @@ def test_ratios_of_spread_hold_the_truth(computed):
 
 
 def skipped(table, **tables):
-    made = study(table, **tables)
-    both = Study(made.sessions, made.scene.with_inference(method="both", tolerance=0.3))
-    return {part.what: part.why for part in both.skipped_before_curves}
+    asked = {"method": "both", "tolerance": 0.3}
+    made = study(table, inference=asked, **tables)
+    return {part.what: part.why for part in made.skipped_before_curves}
 
 
 def test_what_the_model_cannot_carry_is_said():
@@ -70,51 +61,49 @@ def test_what_the_model_cannot_carry_is_said():
 
 
 @pytest.mark.parametrize(
-    ("bias", "change", "message"),
+    ("bias", "model", "change", "message"),
     [
-        ("hand * dose", {}, "holds a column of numbers, which takes no interactions"),
+        ("hand * dose", {}, {}, "holds a column of numbers, which takes no interactions"),
         (
             "hand + same",
+            {},
             {"same": lambda t: t["hand"]},
             "'same': says nothing that the environments",
         ),
-        ("hand + place", {"place": lambda t: t["environment"]}, "'place': says nothing that the"),
-        ({"bias": "hand + dose", "spread": "dose"}, {}, "is no factor of the model"),
+        (
+            "hand + place",
+            {},
+            {"place": lambda t: t["environment"]},
+            "'place': says nothing that the",
+        ),
+        ("hand + dose", {"spread": "dose"}, {}, "is no factor of the model"),
     ],
 )
-def test_terms_that_the_data_cannot_carry_are_refused_by_name(bias, change, message):
+def test_terms_that_the_data_cannot_carry_are_refused_by_name(bias, model, change, message):
     table = crossed().query("load == 'low'").assign(**change)
-    model = bias if isinstance(bias, dict) else {"bias": bias}
-    scene = Scene(model=model, inference={"method": "classical"})
-    options = ReadOptions.from_mapping(dict(scene))
     with pytest.raises(UsageError, match=message):
-        Study(Sessions.from_frame(table, scene=options), scene)
+        study(table, bias=bias, model=model)
 
 
 @pytest.fixture(scope="module")
 def planted():
     """Two factors within subjects, groups, and a covariate, with their effects planted."""
-    scene = Scene(
-        model={
-            "bias": "hand * load + group + dose",
-            "spread": "hand",
-            "subjects_trial_sd": True,
-        },
-        inference={"tolerance": 0.05, "level": 0.95, "parameters": ["k"]},
+    return study(
+        crossed(subjects=16),
+        bias="hand * load + group + dose",
+        model={"spread": "hand", "subjects_trial_sd": True},
+        inference={"method": "both", "tolerance": 0.05, "parameters": ["k"]},
     )
-    options = ReadOptions.from_mapping(dict(scene))
-    return Study(Sessions.from_frame(crossed(subjects=16), scene=options), scene)
 
 
 @pytest.mark.evidence
 def test_both_methods_have_the_contrasts_of_factors(planted):
     found = planted.contrasts
     keys = ["factor", "first", "second", "environment", "kind", "of"]
+    of_both = found[found["of"].isin(["bias", "interaction", "level"])]
     by_method = {
         method: set(map(tuple, rows[keys].astype(str).to_numpy()))
-        for method, rows in found[found["of"].isin(["bias", "interaction", "level"])].groupby(
-            "method"
-        )
+        for method, rows in of_both.groupby("method")
     }
     assert by_method["classical"] == by_method["bayesian"]
     # Of factors that are not in `spread` the model knows no difference in spread.

@@ -4,11 +4,10 @@ import numpy as np
 import pandas as pd
 
 from percept import Scene, Study
-from percept.sessions import ReadOptions, Sessions
 
 
-def frame(subjects=8, trials=2, levels=("left", "right"), seed=3):
-    """Trials numbered from 1 at each level; the second level is set higher."""
+def frame(subjects=8, trials=2, levels=("left", "right"), seed=3, sds=(0.05, 0.05, 0.05)):
+    """Trials numbered from 1 at each level, with its SD; the second level is set higher."""
     rng = np.random.default_rng(seed)
     rows = []
     for s in range(subjects):
@@ -16,11 +15,11 @@ def frame(subjects=8, trials=2, levels=("left", "right"), seed=3):
         for environment, reference in (("VE1", 10.0), ("VE2", 100.0), ("VE3", 1000.0)):
             for c, level in enumerate(levels):
                 w = rng.normal(0.0, 0.1)
-                rows += [
-                    [f"S{s}", environment, level, reference, t, reference * np.exp(y)]
-                    for t in range(1, trials + 1)
-                    for y in [u + c * (0.2 + v) + w + rng.normal(0.0, 0.05)]
-                ]
+                for trial in range(1, trials + 1):
+                    y = u + c * (0.2 + v) + w + rng.normal(0.0, sds[c])
+                    rows.append(
+                        [f"S{s}", environment, level, reference, trial, reference * np.exp(y)]
+                    )
     return pd.DataFrame(rows, columns=["subject", "environment", "hand", "k_ref", "trial", "k_adj"])
 
 
@@ -46,8 +45,16 @@ def crossed(subjects=8, seed=4):
     return pd.DataFrame(rows, columns=names)
 
 
-def study(table, family="lognormal", **tables):
-    """Classical analysis of a table with the factor "hand"."""
+def study(table, family="lognormal", *, bias=None, store=None, **tables):
+    """Classical analysis of a table with the factor "hand", or another bias."""
     inference = {"method": "classical", "level": 0.95, "family": family}
-    scene = Scene(**{"study": {"factor": "hand"}, "inference": inference, **tables})
-    return Study(Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene)
+    inference |= tables.pop("inference", {})
+    model = {"bias": bias} | tables.pop("model", {})
+    factor = {} if bias else {"factor": "hand"}
+    tables = {"study": factor, "inference": inference, "model": model, **tables}
+    return Study(table, Scene(**tables), store=store)
+
+
+def reasons(made):
+    """What a study skips, and why."""
+    return {part.what: part.why for part in made.skipped_rows}
