@@ -10,6 +10,7 @@ import dataclasses
 import itertools
 import json
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 
 import numpy as np
 import pandas as pd
@@ -104,6 +105,14 @@ def _means(data: Data, trials: Trials, factors: Factors) -> SubjectCells:
     """Each subject's means of one quantity in the cells of all factors, as responses."""
     means = trials.statistics.cell_means[:, 0]
     return subject_cells(means, trials, factors, data.conditions.between)
+
+
+def _with_means(data: Data, factors: Factors) -> Iterator[tuple[str, Trials, SubjectCells]]:
+    """Yield the quantities with trials and subjects' means; the contrasts say why others lack."""
+    for parameter in data.parameters:
+        with suppress(RefusalError):
+            trials = data.trials(parameter)
+            yield parameter, trials, _means(data, trials, factors)
 
 
 def _log_sds(trials: Trials, label: str) -> tuple[Array, list[Skipped]]:
@@ -247,11 +256,7 @@ def contrast_row(
 
 
 def level_values(data: Data) -> Iterator[LevelValues]:
-    """Yield subjects' means at every level of the factors, over all references and at each one.
-
-    There are none of a quantity whose values have no logarithm in the lognormal family: the
-    contrasts say why.
-    """
+    """Yield subjects' means at every level of the factors, over all references and at each one."""
     factors = data.sessions.factors
     if factors is None or not data.scene.terms:
         return
@@ -259,12 +264,7 @@ def level_values(data: Data) -> Iterator[LevelValues]:
     at_levels: list[tuple[Comparison, str | None]] = [(overall, None) for *_, overall in by_level]
     for *by_environment, _ in by_level:
         at_levels += [(mean, mean.environment) for mean in by_environment]
-    for parameter in data.parameters:
-        try:
-            trials = data.trials(parameter)
-        except RefusalError:
-            continue
-        cells = _means(data, trials, factors)
+    for parameter, _, cells in _with_means(data, factors):
         for mean, environment in at_levels:
             values = data.differences(parameter, cells.at_level(mean))
             yield LevelValues(
@@ -288,14 +288,9 @@ def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
         return
     # As sets: a:b and b:a are one term.
     terms = {frozenset(term) for term in conditions.terms}
-    for parameter in data.parameters:
+    for parameter, trials, cells in _with_means(data, factors):
         try:
-            trials = data.trials(parameter)
-        except RefusalError:
-            # The contrasts say why.
-            continue
-        try:
-            effects = _effects(_means(data, trials, factors), trials, factors, conditions)
+            effects = _effects(cells, trials, factors, conditions)
         except RefusalError as refused:
             what = f"analysis of variance of {data.quantities[parameter].label}"
             yield Skipped(what, str(refused))

@@ -106,18 +106,6 @@ def test_levels_hold_every_subject_on_the_scale_of_the_contrasts():
     assert experts == novices
 
 
-def test_differences_are_in_the_unit_of_the_contrasts():
-    table = frame().assign(k_ref=0.0)
-    made = study(table, "normal", model={"scale": {"k": 5.0}})
-    over_all = [row for row in made.levels if row.environment is None]
-    levels = {row.level: np.mean(row.values) for row in over_all}
-    rows = made.contrasts.query("of == 'bias'")
-    overall = rows[rows["environment"].isna() & (rows["kind"] == "mean")]
-    assert overall["unit"].item() == "N/m"
-    expected = overall["estimate"].item()
-    assert levels["right"] - levels["left"] == pytest.approx(expected, rel=1e-9)
-
-
 def test_the_methods_paragraph_is_written_from_the_design():
     made = study(crossed(), bias="hand * load + group + dose")
     page = page_of(build_document(made, curves=False))

@@ -6,10 +6,8 @@ from scipy import stats
 
 import percept
 from percept import Scene, Study, read_sessions
-from percept.inference.checks.predictive import Loo, Predicted
 from percept.results import Skipped
 from percept.sessions import Sessions
-from percept.study.checks import subject_tables
 from tests import DATASETS
 from tests.fits import SHARED
 from tests.study.checked import study_of, table_of
@@ -73,16 +71,6 @@ def test_false_alarms_are_shared_among_the_statistics():
     outside = [check for check in checks if not check.lower <= check.observed <= check.upper]
     assert outside
     assert not any(check.unusual for check in checks)
-
-
-def test_false_alarms_are_shared_among_the_subjects(clean):
-    """One study in twenty names somebody: of ten subjects each has a probability of 0.005."""
-    farther = np.array([0.0049, 0.0051, *[0.5] * 8])
-    loo = Loo(np.zeros(10), np.zeros(10), 0.7, np.zeros((1, 1)), np.ones((1, 10)))
-    predicted = Predicted(np.full((10, 2, 3), 0.5), farther)
-    fit = clean.fit
-    found = subject_tables(fit, fit.subjects, loo, predicted)
-    assert [check.outlier for check in found.subjects] == [True] + [False] * 9
 
 
 def test_headlines_without_a_subject_are_those_of_a_fit_without_it():

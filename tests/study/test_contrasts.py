@@ -136,11 +136,11 @@ def test_levels_and_groups_that_never_meet_are_named():
     assert why["contrast of stiffness, b against a, in VE2, VE3"] == there
     table["group"] = np.where(table["subject"] < "S4", "novice", "expert")
     apart = (table["group"] == "novice") & (table["environment"] == "VE1")
-    why = reasons(study(table[~apart], bias="group"))
+    why = reasons(study(table[~apart], model={"bias": "group"}))
     assert why["contrast of stiffness, expert against novice, in VE1"] == there
     table["load"] = np.where(table["trial"] == 1, "x", "y")
     corner = (table["hand"] == "c") & (table["load"] == "y")
-    why = reasons(study(table[~corner], bias="hand * load"))
+    why = reasons(study(table[~corner], model={"bias": "hand * load"}))
     assert why["contrast of stiffness, c, y against a, x, in VE1, VE2, VE3"] == there
 
 

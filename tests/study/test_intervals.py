@@ -54,13 +54,12 @@ def test_subjects_count_once_by_the_mean_of_their_trials():
 
 
 def test_a_published_summary_has_none():
-    assert list(values_of(read_sessions(DATASETS / "hbfd_table1.csv"))) == []
+    assert values_of(read_sessions(DATASETS / "hbfd_table1.csv")) == ()
 
 
 def test_equal_values_have_no_scatter_and_are_described():
-    found = list(
-        values_of(sessions_of([(s, "A", 10.0, 1.0, 1, 9.0, 1.5) for s in ("1", "2", "3")]))
-    )
+    rows = [(s, "A", 10.0, 1.0, 1, 9.0, 1.5) for s in ("1", "2", "3")]
+    found = values_of(sessions_of(rows))
     assert [(one.mean, one.sd) for one in found] == [(9.0, 0.0), (1.5, 0.0)]
 
 

@@ -17,8 +17,6 @@ from percept.results import Measure
 from tests.study.checked import study_of, table_of
 from tests.study.within import reasons
 
-QUARTILE = stats.norm.ppf(0.75)
-
 
 def repeated(subjects=5, reference=8.0, repeats=3, seed=4):
     """Two environments, in which every subject adjusts several times."""
@@ -60,17 +58,17 @@ def test_each_cell_equals_a_slow_twin(family):
             return 8.0 * np.expm1(sd) if log else sd
 
         between = means.std(ddof=1) * np.sqrt(4 / np.array([4, *stats.chi2.isf([0.05, 0.95], 4)]))
-        assert numbers(found, "sd_subjects", environment) == pytest.approx(step(between), rel=1e-9)
         within = math.sqrt(np.mean([group.var(ddof=1) for group in groups]))
         trial = within * np.sqrt(10 / np.array([10, *stats.chi2.isf([0.05, 0.95], 10)]))
-        assert numbers(found, "jnd", environment) == pytest.approx(step(trial), rel=1e-9)
-        assert numbers(found, "weber", environment) == pytest.approx(step(trial) / 8, rel=1e-9)
-        assert numbers(found, "jnd_quartile", environment) == pytest.approx(
-            step(QUARTILE * trial), rel=1e-9
-        )
-        assert numbers(found, "sigma_e", environment) == pytest.approx(
-            trial if log else trial / 8, rel=1e-9
-        )
+        expected = {
+            "sd_subjects": step(between),
+            "jnd": step(trial),
+            "weber": step(trial) / 8,
+            "jnd_quartile": step(stats.norm.ppf(0.75) * trial),
+            "sigma_e": trial if log else trial / 8,
+        }
+        for measure, values in expected.items():
+            assert numbers(found, measure, environment) == pytest.approx(values, rel=1e-9)
         f = stats.f_oneway(*groups).statistic
         icc = (f - 1) / (f + 2)
         assert numbers(found, "icc_1", environment)[0] == pytest.approx(icc, rel=1e-9)
@@ -85,11 +83,14 @@ def test_components_over_environments_equal_expected_mean_squares():
     ms_error = (rest**2).sum() / 4
     ms_subjects = 2 * cells.mean(axis=1).var(ddof=1)
     ms_trials = y.var(axis=2, ddof=1).mean()
-    assert numbers(found, "sigma_u")[0] == pytest.approx(math.sqrt((ms_subjects - ms_error) / 2))
-    assert numbers(found, "sigma_w")[0] == pytest.approx(math.sqrt(ms_error - ms_trials / 3))
-    assert numbers(found, "sigma_e")[0] == pytest.approx(math.sqrt(ms_trials))
-    icc = (ms_subjects - ms_error) / (ms_subjects + ms_error)
-    assert numbers(found, "icc_c1")[0] == pytest.approx(icc, rel=1e-9)
+    expected = {
+        "sigma_u": math.sqrt((ms_subjects - ms_error) / 2),
+        "sigma_w": math.sqrt(ms_error - ms_trials / 3),
+        "sigma_e": math.sqrt(ms_trials),
+        "icc_c1": (ms_subjects - ms_error) / (ms_subjects + ms_error),
+    }
+    for measure, value in expected.items():
+        assert numbers(found, measure)[0] == pytest.approx(value, rel=1e-9)
 
 
 def test_differences_from_zero_and_negative_references_are_in_the_unit():
@@ -113,10 +114,10 @@ def test_two_subjects_tell_no_correlation(subjects, has):
 
 def test_posterior_rows_follow_from_the_draws(fitted):
     found = fitted.psychophysics
-    bayesian = found[found["method"] == "bayesian"].set_index(["measure", "parameter"])
+    bayesian = found[found["method"] == "bayesian"]
     fit = fitted.fit
     draws = {name: values for name, (_, values) in fit.model.scales(fit.points).items()}
-    row = bayesian.loc["sigma_u", "k"].iloc[0]
+    row = bayesian.query("measure == 'sigma_u' and parameter == 'k'").iloc[0]
     limits = np.quantile(draws["sigma_u"][:, 0], [0.005, 0.995])
     assert (row["lower"], row["upper"]) == pytest.approx(limits, rel=1e-12)
 
@@ -130,7 +131,7 @@ def test_posterior_rows_follow_from_the_draws(fitted):
     whole += covariances(draws["sigma_u"], draws["rho_u"])
     whole += covariances(draws["sigma"][..., 2], draws["rho_w"])
     twin = np.median(whole[:, 0, 1] / np.sqrt(whole[:, 0, 0] * whole[:, 1, 1]))
-    of_pair = bayesian.loc["correlation"].set_index("environment")
+    of_pair = bayesian[bayesian["measure"] == "correlation"].set_index("environment")
     assert of_pair.loc["VE3", "estimate"] == pytest.approx(twin, rel=1e-9)
     assert (bayesian["error"] > 0.0).all()
     assert found[found["method"] == "classical"]["error"].isna().all()

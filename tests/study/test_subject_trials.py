@@ -43,8 +43,7 @@ def test_each_subject_has_the_trial_sd_that_was_planted(found):
     rows = found.psychophysics
     own = rows[rows["subject"].notna() & rows["measure"].eq("sigma_e")]
     assert own["subject"].tolist() == [f"S{i}" for i in range(SUBJECTS)]
-    assert (own["lower"] < SDS).all()
-    assert (own["upper"] > SDS).all()
+    assert ((own["lower"] < SDS) & (own["upper"] > SDS)).all()
     # One of 20 cells' trials has the standard error 1/sqrt(2 * 16); shared priors move it less.
     trials = found.sessions.table
     deviations = np.log(trials["k_adj"] / trials["k_ref"])
@@ -57,8 +56,7 @@ def test_each_subject_has_the_trial_sd_that_was_planted(found):
     tails = stats.chi2.ppf([0.995, 0.005], 16.0)
     width = 0.5 * np.log(tails[0] / tails[1])
     widths = np.log(own["upper"] / own["lower"]).to_numpy()
-    assert (widths < 1.4 * width).all()
-    assert (widths > 0.6 * width).all()
+    assert ((0.6 * width < widths) & (widths < 1.4 * width)).all()
     fraction = rows[rows["subject"].notna() & rows["measure"].eq("weber")]
     np.testing.assert_allclose(fraction["estimate"], np.expm1(own["estimate"]), rtol=1e-12)
 

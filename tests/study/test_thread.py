@@ -42,16 +42,6 @@ def classical():
     return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), hbfd_scene(method="classical"))
 
 
-def test_kinds_nest(fitted):
-    keys = ["environment", "parameter", "method", "family", "joint"]
-    lower = fitted.intervals.pivot_table(index=keys, columns="kind", values="lower")
-    upper = fitted.intervals.pivot_table(index=keys, columns="kind", values="upper")
-    assert (lower["mean"] > lower["user"]).all()
-    assert (lower["user"] > lower["share"]).all()
-    assert (upper["mean"] < upper["user"]).all()
-    assert (upper["user"] < upper["share"]).all()
-
-
 def test_same_seed_same_bits_and_another_within_monte_carlo_error():
     table = frame()
     sessions = Sessions.from_frame(table[table.environment.isin(["VE2"])])
