@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property
 from typing import Protocol
 
@@ -14,9 +14,8 @@ from percept.inference.model.laws import Moments
 from percept.inference.model.limits import Combinations, Limits, limits_of
 from percept.inference.model.model import Model
 from percept.inference.sampling.gate import Progress, Run, Settings
-from percept.results import IntervalRow, Skipped
+from percept.results import Skipped
 from percept.study.basics import Array, claim_of
-from percept.study.intervals import bayesian_row
 from percept.study.linear import rows_of
 from percept.study.prepare import Prepared
 
@@ -172,23 +171,3 @@ def fitted(
         limits[str(kind)] = (lower, upper)
     run = dataclasses.replace(run, points=points, components=components)
     return Fit(**vars(prepared), run=run, limits=limits)
-
-
-def bayesian_rows(fit: Fit) -> Iterator[IntervalRow | Skipped]:
-    """Yield a row of the interval table for every interval of a fit that passed."""
-    yield from fit.skipped
-    if not fit.passed:
-        yield Skipped("Bayesian intervals", fit.withheld)
-        return
-    for kind in fit.data.asked.kinds:
-        lower, upper = fit.limits[kind]
-        for cell, c in fit.column.items():
-            yield bayesian_row(
-                fit.data,
-                kind,
-                cell,
-                (lower[c], upper[c], fit.estimate[c]),
-                fit.data.reference[cell],
-                n=int(fit.counts[c]),
-                repeats=fit.repeats,
-            )

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
 import pandas as pd
 
 from percept.results import (
@@ -25,7 +26,7 @@ from percept.sessions import Sessions
 from percept.study.contrasts import anova_rows, classical_contrasts, level_values
 from percept.study.data import Data
 from percept.study.equivalence import equivalence
-from percept.study.intervals import COLUMNS, classical_rows, method_pairs
+from percept.study.intervals import COLUMNS, bayesian_rows, classical_rows, method_pairs
 from percept.study.psychophysics import absent_jnds, classical_psychophysics
 from percept.study.responses import refuse_lone_subject
 
@@ -105,10 +106,20 @@ class Inferred:
             if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)
             yield from classical_rows(self.data)
-        if self.fit is not None:
-            from percept.study.fit import bayesian_rows
-
-            yield from bayesian_rows(self.fit)
+        fit = self.fit
+        if fit is None:
+            return
+        yield from fit.skipped
+        if not fit.passed:
+            yield Skipped("Bayesian intervals", fit.withheld)
+            return
+        cells = fit.model.cells
+        references = [self.data.reference[cell] for cell in cells]
+        for kind in self.data.asked.kinds:
+            ends = np.stack([*fit.limits[kind], fit.estimate])
+            yield from bayesian_rows(
+                self.data, kind, cells, ends, references, counts=fit.counts.tolist(), repeats=fit.repeats
+            )
 
     @property
     def intervals(self) -> pd.DataFrame:

@@ -10,7 +10,7 @@ from percept.errors import RefusalError
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.record import ROW, Interval, Joint, Kind
 from percept.results import IntervalRow, MethodPair, Skipped
-from percept.study.basics import IF_BY_TRIAL, claim_of, known
+from percept.study.basics import IF_BY_TRIAL, Array, claim_of, known
 from percept.study.data import Data
 
 #: Of the table of intervals.
@@ -41,43 +41,63 @@ def classical_rows(data: Data) -> Iterator[IntervalRow | Skipped]:
                 yield _row(data, interval, at, data.reference[at])
 
 
-def bayesian_row(
+def bayesian_rows(
     data: Data,
     kind: Kind,
-    cell: tuple[str, str],
-    limits: tuple[float, float, float],
-    reference: float,
+    cells: Sequence[tuple[str, str]],
+    ends: Array,
+    references: Sequence[float],
     *,
-    n: int,
+    counts: Sequence[int],
     repeats: bool | None,
-) -> IntervalRow:
-    """Make the row of a posterior interval from lower limit, upper limit and estimate."""
+) -> Iterator[IntervalRow]:
+    """Yield rows of posterior intervals of one kind.
+
+    Parameters
+    ----------
+    data : Data
+        What is asked, and in which words.
+    kind : str
+        What the intervals cover.
+    cells : sequence of (str, str)
+        Parameter and environment of C cells.
+    ends : ndarray, shape (3, C)
+        Lower limits, upper limits and estimates, in the units of the quantities.
+    references : sequence of float
+        Of the cells, in the same units.
+    counts : sequence of int
+        Subjects behind each cell.
+    repeats : bool or None
+        Whether any cell holds more than one trial; None where it is not known.
+    """
     asked = data.asked
     is_share = kind == "share"
-    lower, upper, estimate = map(float, limits)
-    interval = Interval(
-        kind=kind,
-        method="bayesian",
-        family=asked.family,
-        level=asked.level,
-        share=asked.share if is_share else None,
-        confidence=asked.confidence if is_share else None,
-        lower=lower,
-        upper=upper,
-        estimate=estimate,
-        n=n,
-        unit=data.quantities[cell[0]].unit,
-        repeats=repeats,
-        # Moments of logarithms are matched to published limits.
-        approximate=data.sessions.form == "summary" and asked.family == "lognormal",
-    )
-    return _row(data, interval, cell, reference)
+    of_cells = zip(cells, ends.T.tolist(), references, counts, strict=True)
+    for (parameter, environment), (lower, upper, estimate), reference, n in of_cells:
+        interval = Interval(
+            kind=kind,
+            method="bayesian",
+            family=asked.family,
+            level=asked.level,
+            share=asked.share if is_share else None,
+            confidence=asked.confidence if is_share else None,
+            lower=lower,
+            upper=upper,
+            estimate=estimate,
+            n=int(n),
+            unit=data.quantities[parameter].unit,
+            repeats=repeats,
+            # Moments of logarithms are matched to published limits.
+            approximate=data.sessions.form == "summary" and asked.family == "lognormal",
+        )
+        yield _row(data, interval, (parameter, environment), reference)
 
 
 def _row(data: Data, interval: Interval, cell: tuple[str, str], reference: float) -> IntervalRow:
     """Make a row of an interval in a cell, (parameter, environment)."""
     parameter, environment = cell
-    fields = interval.as_dict() | {"covers": interval.covers_of(*data.scene.user_noun)}
+    fields = {name: getattr(interval, name) for name in ROW}
+    fields["covers"] = interval.covers_of(*data.scene.user_noun)
     fields |= {name: float(fields[name]) for name in ("lower", "upper", "estimate")}
     return IntervalRow(
         environment=environment,

@@ -21,7 +21,7 @@ from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.study.basics import Array, Stream, claim_of, generator
 from percept.study.boundaries import BoundaryDrawing
 from percept.study.fit import Fit
-from percept.study.intervals import bayesian_row
+from percept.study.intervals import bayesian_rows
 from percept.study.regions import Law, posterior_laws, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
@@ -204,6 +204,7 @@ def _rows(
     asked = fit.data.asked
     limits = Limits(fit.model, **claim_of(asked))
     moments = users.moments()
+    cells = [(parameter, name) for parameter in fit.parameters]
     # A draw's repeats belong together.
     batch = np.repeat(fit.run.batches(), _REPEATS)
     for kind in asked.kinds:
@@ -211,14 +212,8 @@ def _rows(
         worst = batch_errors(influence, batch).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
         with np.errstate(over="ignore", under="ignore"):
             ends = scale.native(np.stack([lower, upper, moments.mean.mean(axis=0)]))
-        for p, parameter in enumerate(fit.parameters):
-            row = bayesian_row(
-                fit.data,
-                kind,
-                (parameter, name),
-                (ends[0, p], ends[1, p], ends[2, p]),
-                float(scale.origin[p]),
-                n=int(fit.counts.max()),
-                repeats=fit.repeats,
-            )
-            yield row, float(worst[p])
+        counts = [int(fit.counts.max())] * len(cells)
+        rows = bayesian_rows(
+            fit.data, kind, cells, ends, scale.origin.tolist(), counts=counts, repeats=fit.repeats
+        )
+        yield from zip(rows, worst.tolist(), strict=True)
