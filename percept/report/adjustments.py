@@ -51,8 +51,6 @@ _MEASURES = {
     "sigma_u": "σ u",
     "sigma_w": "σ w",
     "sigma_e": "σ e",
-    "icc_c1": "ICC(C,1)",
-    "icc_a1": "ICC(A,1)",
     "correlation": "Correlation",
     "gamma": "γ per decade",
     "sigma_slope": "σ of slopes per decade",
@@ -152,8 +150,7 @@ def _psychophysics(results: Results) -> Section:
     said = (
         f"The PSE is the average {words.user}’s setting above. σ u, σ w and σ e are"
         f" SDs{logarithms}: between {words.subjects} in all {words.environments}, between them in"
-        f" one alone, and between trials. ICC(C,1) is high where {words.subjects} keep their order,"
-        " ICC(A,1) where they keep their values."
+        " one alone, and between trials."
     )
     caption = f"Measures with {percent(rows[0].level)} limits."
     table = table_of(caption, cells, columns, name="psychophysics", csv="psychophysics")

@@ -19,8 +19,6 @@ Measure: TypeAlias = Literal[
     "sigma_u",
     "sigma_w",
     "sigma_e",
-    "icc_c1",
-    "icc_a1",
     "gamma",
     "sigma_slope",
 ]

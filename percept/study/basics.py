@@ -74,7 +74,6 @@ class Stream(enum.IntEnum):
     POSTERIOR_BANDS = 108
     PAIRS = 110
     FIDUCIAL = 111
-    PSYCHOPHYSICS = 113
     CONTRASTS = 114
     CHECKED_STATISTICS = 127
     PRIOR = 131

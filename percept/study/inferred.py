@@ -118,7 +118,13 @@ class Inferred:
         for kind in self.data.asked.kinds:
             ends = np.stack([*fit.limits[kind], fit.estimate])
             yield from bayesian_rows(
-                self.data, kind, cells, ends, references, counts=fit.counts.tolist(), repeats=fit.repeats
+                self.data,
+                kind,
+                cells,
+                ends,
+                references,
+                counts=fit.counts.tolist(),
+                repeats=fit.repeats,
             )
 
     @property

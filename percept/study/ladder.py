@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,12 +28,21 @@ STEPS = ("prior", "trials", "pooling", "own_trials", "correlation", "scale", "sa
 
 
 class _Interval(NamedTuple):
-    """An interval of one step in its unit, with Monte Carlo errors."""
+    """An interval of one step in its unit."""
 
-    width: float
-    centre: float
-    width_error: float = 0.0  # Of the logarithm
-    centre_error: float = 0.0
+    lower: float
+    upper: float
+    error: float = 0.0  # Monte Carlo error of the width
+
+    @property
+    def width(self) -> float:
+        """Upper less lower limit."""
+        return self.upper - self.lower
+
+    @property
+    def centre(self) -> float:
+        """The midpoint."""
+        return 0.5 * (self.lower + self.upper)
 
 
 #: By environment, parameter and kind.
@@ -42,15 +51,16 @@ _Intervals = dict[tuple[str, str, Kind], _Interval]
 
 def climb(data: Data, rows: Sequence[IntervalRow], fit: Fit, **how: Any) -> Ladder:
     """Fit what lies between the classical method and a study's fit; `how`: progress and store."""
-    steps = _steps(data, fit)
-    notes: list[str] = []
-    chain: dict[str, _Intervals] = {"classical": {}}
+    classical: _Intervals = {}
     for row in rows:
         if (row.method, row.family, row.joint) == ("classical", "normal", "marginal"):
-            interval = _Interval(row.upper - row.lower, 0.5 * (row.lower + row.upper))
-            chain["classical"][row.environment, row.parameter, row.kind] = interval
+            cell = (row.environment, row.parameter, row.kind)
+            classical[cell] = _Interval(row.lower, row.upper)
+    steps = _steps(data, fit)
+    notes = []
+    chain = [classical]
     for cause in steps[:-1]:
-        chain[cause] = {}
+        found: _Intervals = {}
         apart = "correlation" in steps and cause != "correlation"
         for part in _parts(data, cause, by_mean="trials" in steps):
             one = _fitted(part, apart=apart, **how)
@@ -58,9 +68,10 @@ def climb(data: Data, rows: Sequence[IntervalRow], fit: Fit, **how: Any) -> Ladd
                 names = ", ".join(part.environments)
                 notes.append(f"{names}: the step of the {cause} is missing: {one}")
             else:
-                chain[cause] |= _measured(one)
-    chain[steps[-1]] = _measured(fit)
-    return Ladder(tuple(_effects(chain)), tuple(notes))
+                found |= _measured(one)
+        chain.append(found)
+    chain.append(_measured(fit))
+    return Ladder(tuple(_effects(steps, chain)), tuple(notes))
 
 
 def _fitted(part: Data, *, apart: bool, **how: Any) -> Fit | str:
@@ -114,46 +125,44 @@ def _parts(data: Data, cause: str, *, by_mean: bool) -> Iterator[Data]:
 
 def _without(scene: Scene, *left_out: str, **changed: object) -> Scene:
     """Return a scene without some keys of [model] and [study], or with others in [model]."""
-    model = scene.model.model_dump(exclude=set(left_out), exclude_none=True) | changed
+    model = scene.model.model_dump(exclude=set(left_out), exclude_none=True)
     study = scene.study.model_dump(exclude=set(left_out), exclude_none=True)
-    return scene.with_tables(model=model, study=study)
+    return scene.with_tables(model=model | changed, study=study)
 
 
 def _measured(fit: Fit) -> _Intervals:
-    """Limits of a fit, with the errors that those of both limits leave to width and midpoint."""
+    """Limits of a fit, with the error that those of both leave to the width."""
     found: _Intervals = {}
+    cells = fit.model.cells
     for kind in fit.data.asked.kinds:
-        limits = np.stack(fit.limits[kind])
-        ends = limits_of(fit.run.estimates.names, fit.run.errors, kind, fit.model.cells)
-        errors = np.stack(ends) * fit.scale.unit
+        lower, upper = fit.limits[kind]
+        ends = limits_of(fit.run.estimates.names, fit.run.errors, kind, cells)
+        errors = fit.scale.unit * np.stack(ends)
         if fit.scale.log:
-            errors = errors * limits
-        error = np.hypot(*errors)
-        width = limits[1] - limits[0]
-        values = np.stack([width, limits.mean(axis=0), error / width, 0.5 * error], axis=1)
-        for (parameter, environment), c in fit.column.items():
-            found[environment, parameter, kind] = _Interval(*values[c].tolist())
+            errors = errors * np.stack([lower, upper])
+        numbers = np.stack([lower, upper, np.hypot(*errors)], axis=1)
+        for (parameter, environment), of_cell in zip(cells, numbers.tolist(), strict=True):
+            found[environment, parameter, kind] = _Interval(*of_cell)
     return found
 
 
-def _effects(chain: Mapping[str, _Intervals]) -> Iterator[LadderEffect]:
+def _effects(steps: Sequence[str], chain: Sequence[_Intervals]) -> Iterator[LadderEffect]:
     """Yield what each step does to each interval that all steps have, the whole first."""
-    causes = ["all", *list(chain)[1:]]
-    for cell in chain["classical"]:
-        intervals = [step[cell] for step in chain.values() if cell in step]
+    for cell in chain[0]:
+        intervals = [found[cell] for found in chain if cell in found]
         if len(intervals) < len(chain):
             continue
         neighbours = [(intervals[0], intervals[-1]), *itertools.pairwise(intervals)]
-        half = 0.5 * intervals[0].width
+        width = intervals[0].width
         environment, parameter, kind = cell
-        for cause, (before, after) in zip(causes, neighbours, strict=True):
+        for cause, (before, after) in zip(["all", *steps], neighbours, strict=True):
             yield LadderEffect(
                 environment=environment,
                 parameter=parameter,
                 kind=kind,
                 cause=cause,
                 log_width=math.log(after.width / before.width),
-                log_width_error=math.hypot(before.width_error, after.width_error),
-                centre=(after.centre - before.centre) / half,
-                centre_error=math.hypot(before.centre_error, after.centre_error) / half,
+                log_width_error=math.hypot(before.error / before.width, after.error / after.width),
+                centre=(after.centre - before.centre) / (0.5 * width),
+                centre_error=math.hypot(before.error, after.error) / width,
             )

@@ -30,7 +30,7 @@ from percept.inference.model.predictions import trend_rows
 from percept.inference.model.subjects import cells_of_subjects
 from percept.inference.sampling.endpoints import batch_errors, mixture_limits
 from percept.results import Measure, PsychophysicsRow
-from percept.study.basics import Array, Stream, generator
+from percept.study.basics import Array
 from percept.study.fit import Fit
 from percept.study.psychophysics import Measured
 
@@ -95,7 +95,6 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
         )
         every_cell.append(measured)
         yield from measured.rows("sd_subjects", of_every_draw.of(population_sd[:, c]))
-    locations, _ = fit.model.draw(fit.points, generator(data.asked.seed, Stream.PSYCHOPHYSICS))
     every = fit.run.points.reshape(len(population_sd), -1)
     of_every = fit.model.split(every)
     of_points = fit.model.split(fit.points)
@@ -113,22 +112,13 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
         ]
         yield from _of_subjects(model, scales, over_all, of_every_draw)
         yield from _slopes(model, points, over_all, limits)
-        drawn = _over_all(model, _scales_of(model, points), locations[:, first:last])
-        if data.scene.terms:
-            # Subjects also differ in effects of factors, which both ratios leave out.
-            drawn.pop("icc_c1", None)
-            drawn.pop("icc_a1", None)
-        yield from _rows(drawn, over_all, limits)
+        yield from _rows(_over_all(model, scales), over_all, of_every_draw)
         if len(model.statistics.parameters) == 2:
             yield from _correlations(model, points, of_cells, limits)
         first = last
 
 
-def _rows(
-    drawn: _Drawn,
-    measured: Sequence[Measured],
-    limits: DrawLimits,
-) -> _Rows:
+def _rows(drawn: _Drawn, measured: Sequence[Measured], limits: DrawLimits) -> _Rows:
     """Yield the rows of draws of each quantity measured."""
     for measure, draws in drawn.items():
         for one, column in zip(measured, draws.T, strict=True):
@@ -147,23 +137,11 @@ def _scales_of(model: LinearModel, points: Array) -> dict[str, Array]:
     return scales
 
 
-def _trial_variance(scales: Mapping[str, Array]) -> Array:
-    """Variance between trials averaged over users, (S, P, J); zero without repeats.
-
-    phi is normal, so a user's variance is on average exp(2 omega_s²) times sigma_e².
-    """
-    if "sigma_e" not in scales:
-        return np.zeros_like(scales["sigma"])
-    of_typical_user = np.square(scales["sigma_e"])
-    if "omega_s" not in scales:
-        return of_typical_user
-    return of_typical_user * np.exp(2.0 * scales["omega_s"] ** 2)[:, :, None]
-
-
 def _of_cells(scales: Mapping[str, Array], population_sd: Array) -> _Drawn:
     """Draws of components of variance and reliability, in every cell.
 
-    ICC(1) is population_sd²/(population_sd² + the average variance between trials).
+    ICC(1) is population_sd²/(population_sd² + the average variance between trials). phi is normal,
+    so a user's variance is on average exp(2 omega_s²) times sigma_e².
     """
     drawn: _Drawn = {}
     shape = population_sd.shape
@@ -172,8 +150,10 @@ def _of_cells(scales: Mapping[str, Array], population_sd: Array) -> _Drawn:
     if "sigma_e" in scales:
         drawn["sigma_e"] = scales["sigma_e"].reshape(shape)
         of_users = population_sd**2
-        of_trials = _trial_variance(scales).reshape(shape)
-        drawn["icc_1"] = of_users / (of_users + of_trials)
+        of_trials = np.square(scales["sigma_e"])
+        if "omega_s" in scales:
+            of_trials = of_trials * np.exp(2.0 * scales["omega_s"] ** 2)[:, :, None]
+        drawn["icc_1"] = of_users / (of_users + of_trials.reshape(shape))
     return drawn
 
 
@@ -215,33 +195,19 @@ def _slopes(
             yield from over_all[p].rows("sigma_slope", limits.of(sd_of_subjects[:, p]))
 
 
-def _over_all(
-    model: LinearModel,
-    scales: Mapping[str, Array],
-    locations: Array,
-) -> _Drawn:
-    """Draws of components of variance and reliability over all environments, (R, P).
+def _over_all(model: LinearModel, scales: Mapping[str, Array]) -> _Drawn:
+    """Draws of components of variance over all environments, (S, P).
 
-    A subject's own trend over the x decades of the references is part of sigma_w². With r trials a
-    cell, total = sigma_u² + mean sigma_w² + mean variance between trials/r.
-    ICC(C,1) is sigma_u²/total. In ICC(A,1) the total has the variance of the environments'
-    locations too.
+    A subject's own trend over the x decades of the references is part of sigma_w².
     """
     if "sigma_u" not in scales:
         return {}
-    # There are several environments, or there were no sigma_u: the variance over them exists.
-    of_environments = locations.reshape(scales["sigma"].shape).var(axis=2, ddof=1)
-    of_subjects = scales["sigma_u"] ** 2
     within = np.square(scales["sigma"]).mean(axis=2)
     if "sigma_v:trend" in scales:
         within += scales["sigma_v:trend"] ** 2 * np.square(model.statistics.x).mean(axis=1)
-    of_trials = _trial_variance(scales).mean(axis=2)
-    total = of_subjects + within + of_trials / _mean_trials(model)
     drawn: _Drawn = {"sigma_u": scales["sigma_u"], "sigma_w": np.sqrt(within)}
     if "sigma_e" in scales:
         drawn["sigma_e"] = np.sqrt(np.square(scales["sigma_e"]).mean(axis=2))
-    drawn["icc_c1"] = of_subjects / total
-    drawn["icc_a1"] = of_subjects / (total + of_environments)
     return drawn
 
 
@@ -259,9 +225,3 @@ def _correlations(
     for measured, draws in zip(of_cells, correlation.T, strict=False):
         of_pair = dataclasses.replace(measured, parameter=both)
         yield from of_pair.rows("correlation", limits.of(draws))
-
-
-def _mean_trials(model: LinearModel) -> float:
-    """Harmonic mean of the numbers of trials of all cells."""
-    numbers = [np.tile(one.trials, one.subjects) for one in model.statistics.patterns]
-    return 1.0 / float(np.mean(1.0 / np.concatenate(numbers)))

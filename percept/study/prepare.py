@@ -50,9 +50,9 @@ def prepare(data: Data, *, apart: bool = False) -> Prepared:
         return _unpooled(data)
     if data.sessions.form == "summary":
         return _from_limits(data)
-    if apart:
-        return _side_by_side([_of_trials(data, (parameter,)) for parameter in data.parameters])
     groups = modelled_together(data.parameters, data.asked.together)
+    if apart:
+        groups = [(parameter,) for parameter in data.parameters]
     return _side_by_side([_of_trials(data, group) for group in groups])
 
 
@@ -110,22 +110,25 @@ def _side_by_side(parts: list[Prepared]) -> Prepared:
     why = "two are modelled together at most; [inference] together names them"
     skipped = [Skipped("correlations of more than two parameters", why)]
     skipped += dict.fromkeys(one for part in parts for one in part.skipped)
-    origin = np.concatenate([part.scale.origin for part in parts])
-    unit = np.concatenate([part.scale.unit for part in parts])
+    scale = ResponseScale(
+        log=parts[0].scale.log,
+        origin=np.concatenate([part.scale.origin for part in parts]),
+        unit=np.concatenate([part.scale.unit for part in parts]),
+    )
     model = Product([part.model for part in parts])
     contrasts = []
-    before = 0
+    first = 0
     for part in parts:
-        locations = part.model.cell_rows.shape[1]
-        after = model.cell_rows.shape[1] - before - locations
+        last = first + part.model.cell_rows.shape[1]
         for contrast in part.contrasts or ():
-            row = np.pad(contrast.row, (before, after))
+            row = np.zeros(model.cell_rows.shape[1])
+            row[first:last] = contrast.row
             contrasts.append(dataclasses.replace(contrast, row=row))
-        before += locations
+        first = last
     return Prepared(
         data=parts[0].data,
         model=model,
-        scale=ResponseScale(parts[0].scale.log, origin, unit),
+        scale=scale,
         counts=np.concatenate([part.counts for part in parts]),
         repeats=any(part.repeats for part in parts),
         skipped=tuple(skipped),
@@ -139,23 +142,21 @@ def _from_limits(data: Data) -> Prepared:
     refuse_no_ratio({cell: data.reference[cell] for cell in moments}, data.quantities)
     shape = (len(data.parameters), len(data.environments))
     reference = np.reshape([data.reference[cell] for cell in moments], shape)
-    means, sds, counts = _arrays(moments)
-    mean = means.reshape(shape)
-    sd = sds.reshape(shape)
-    if data.asked.family == "lognormal":
-        mean = mean - np.log(reference)
-    else:
-        mean = (mean - reference) / reference
-        sd = sd / reference
-    options = options_of(data.scene)
-    models = []
-    rows = zip(data.parameters, mean, sd, counts.reshape(shape), decades(reference), strict=True)
-    for parameter, *row in rows:
-        statistics = from_summary(*row, parameter=parameter, environments=data.environments)
-        priors = priors_of(data.scene, (parameter,))
-        model = plain_model(statistics, priors, options)
-        models.append(model)
     scale = ResponseScale.of(reference, data.asked.family)
+    means, sds, counts = _arrays(moments)
+    of_parameters = zip(
+        data.parameters,
+        ((means - scale.centre) / scale.unit).reshape(shape),
+        (sds / scale.unit).reshape(shape),
+        counts.reshape(shape),
+        decades(reference),
+        strict=True,
+    )
+    models = []
+    for parameter, *numbers in of_parameters:
+        statistics = from_summary(*numbers, parameter=parameter, environments=data.environments)
+        priors = priors_of(data.scene, (parameter,))
+        models.append(plain_model(statistics, priors, options_of(data.scene)))
     return Prepared(data=data, model=Product(models), scale=scale, counts=counts, repeats=None)
 
 

@@ -17,8 +17,7 @@ from percept.inference.classical.variability import (
     MeanSquares,
     component_sd,
     correlation,
-    icc_agreement,
-    icc_consistency,
+    icc_one_way,
     mean_squares,
     sd_interval,
     trial_mean_squares,
@@ -207,7 +206,7 @@ def _of_trials(measured: Measured, trials: Trials, j: int) -> Iterator[Psychophy
     if no_scatter or len(means) < 2:
         return
     counts = trials.counts[present, j]
-    reliability = icc_consistency(trial_mean_squares(means, counts, trial_sd), level=level)
+    reliability = icc_one_way(trial_mean_squares(means, counts, trial_sd), level=level)
     yield from measured.rows("icc_1", reliability, approximate=bool(np.ptp(counts) > 0.0))
 
 
@@ -230,7 +229,6 @@ def _over_all(measured: Measured, trials: Trials) -> Iterator[PsychophysicsRow]:
         within_environments = MeanSquares(
             subjects=repeats * squares.error,
             error=trial_square,
-            columns=math.nan,
             n=round(squares.error_df) + 1,
             k=repeats,
             error_df=df,
@@ -241,8 +239,6 @@ def _over_all(measured: Measured, trials: Trials) -> Iterator[PsychophysicsRow]:
     else:
         within = sd_interval(math.sqrt(squares.error), squares.error_df, level=level)
         yield from overall.rows("sigma_w", within)
-    yield from overall.rows("icc_c1", icc_consistency(squares, level=level))
-    yield from overall.rows("icc_a1", icc_agreement(squares, level=level), approximate=True)
 
 
 def _correlations(data: Data) -> Iterator[PsychophysicsRow]:

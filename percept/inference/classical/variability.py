@@ -24,8 +24,7 @@ __all__ = [
     "component_sd",
     "correlation",
     "f_limits",
-    "icc_agreement",
-    "icc_consistency",
+    "icc_one_way",
     "log_sd",
     "mean_squares",
     "sd_interval",
@@ -54,7 +53,6 @@ class MeanSquares:
 
     subjects: float  # Mean square between subjects
     error: float  # Mean square of what is left
-    columns: float  # Mean square between measurements; NaN where these have no order
     n: int  # Subjects
     k: float  # Measurements per subject, their effective number where subjects differ
     error_df: float  # Degrees of freedom of `error`
@@ -98,7 +96,6 @@ def mean_squares(table: Array) -> MeanSquares:
     return MeanSquares(
         subjects=k * float(np.square(row - grand).sum()) / (n - 1.0),
         error=float(np.square(rest).sum()) / error_df,
-        columns=n * float(np.square(column - grand).sum()) / (k - 1.0),
         n=n,
         k=float(k),
         error_df=error_df,
@@ -128,7 +125,6 @@ def trial_mean_squares(means: Array, counts: Array, trial_sd: float) -> MeanSqua
     return MeanSquares(
         subjects=float(counts @ np.square(centred - grand)) / (n - 1.0),
         error=trial_sd**2,
-        columns=math.nan,
         n=n,
         k=float((total - counts @ counts / total) / (n - 1.0)),
         error_df=float(total - n),
@@ -180,16 +176,16 @@ def log_sd(sd: float, df: float) -> float:
     return math.log(sd) + 0.5 * (math.log(df / 2.0) - float(special.digamma(df / 2.0)))
 
 
-def icc_consistency(squares: MeanSquares, *, level: float) -> Bounded:
-    """Bound an intraclass correlation that differences between columns do not lower.
+def icc_one_way(squares: MeanSquares, *, level: float) -> Bounded:
+    """Bound the reliability of one trial.
 
-    (MS_S − MS_E)/(MS_S + (k − 1) MS_E), exact by F: ICC(C,1) of a two-way table, and ICC(1) of a
-    one-way one (McGraw and Wong 1996; Shrout and Fleiss 1979 write 3,1 and 1,1).
+    (MS_S − MS_E)/(MS_S + (k − 1) MS_E), exact by F: ICC(1) of a one-way table (McGraw and Wong
+    1996; Shrout and Fleiss 1979 write 1,1).
 
     Parameters
     ----------
     squares : MeanSquares
-        Of either table.
+        Of the table.
     level : float
         Confidence, 0 to 1.
 
@@ -207,42 +203,6 @@ def icc_consistency(squares: MeanSquares, *, level: float) -> Bounded:
     lower = correlation_at(f / at_lower)
     upper = correlation_at(f / at_upper)
     return Bounded(correlation_at(f), lower, upper)
-
-
-def icc_agreement(squares: MeanSquares, *, level: float) -> Bounded:
-    """Bound ICC(A,1), which differences between columns lower (McGraw and Wong 1996, Table 7).
-
-    Parameters
-    ----------
-    squares : MeanSquares
-        Of a two-way table.
-    level : float
-        Confidence, 0 to 1; approximate, by Satterthwaite's degrees of freedom.
-
-    Returns
-    -------
-    Bounded
-        At most 1.
-    """
-    n = squares.n
-    k = squares.k
-    subjects = squares.subjects
-    columns = squares.columns
-    error = squares.error
-    spread = k * columns + (k * n - k - n) * error
-    estimate = n * (subjects - error) / (n * subjects + spread)
-    if not estimate < 1.0:
-        return Bounded(1.0, 1.0, 1.0)
-    # Below zero the two variances would cancel, and leave no degrees of freedom.
-    odds = k * max(estimate, 0.0) / (n * (1.0 - estimate))
-    of_columns = odds * columns
-    of_error = (1.0 + odds * (n - 1.0)) * error
-    square_df = of_columns**2 / (k - 1.0) + of_error**2 / squares.error_df
-    df = (of_columns + of_error) ** 2 / square_df
-    at_lower, at_upper = f_limits(n - 1.0, df, level)
-    lower = n * (subjects - at_lower * error) / (at_lower * spread + n * subjects)
-    upper = n * (subjects - at_upper * error) / (at_upper * spread + n * subjects)
-    return Bounded(estimate, lower, upper)
 
 
 def component_sd(squares: MeanSquares, *, level: float) -> Bounded:

@@ -13,55 +13,31 @@ from percept.inference.classical.trials import subject_means
 from percept.inference.classical.variability import (
     component_sd,
     correlation,
-    icc_agreement,
-    icc_consistency,
+    icc_one_way,
     mean_squares,
     sd_interval,
     trial_mean_squares,
 )
 
 
-def slow_agreement_limits(table, level):
-    """McGraw and Wong (1996), Table 7, case ICC(A,1), letter by letter, by SciPy's F."""
-    n, k = table.shape
-    grand = table.mean()
-    msr = k * sum((row.mean() - grand) ** 2 for row in table) / (n - 1)
-    msc = n * sum((column.mean() - grand) ** 2 for column in table.T) / (k - 1)
-    total = ((table - grand) ** 2).sum()
-    mse = (total - msr * (n - 1) - msc * (k - 1)) / ((n - 1) * (k - 1))
-    r = (msr - mse) / (msr + (k - 1) * mse + k / n * (msc - mse))
-    a = k * max(r, 0) / (n * (1 - r))
-    b = 1 + k * max(r, 0) * (n - 1) / (n * (1 - r))
-    v = (a * msc + b * mse) ** 2 / ((a * msc) ** 2 / (k - 1) + (b * mse) ** 2 / ((n - 1) * (k - 1)))
-    tail = (1 - level) / 2
-    f1 = stats.f.isf(tail, n - 1, v)
-    f2 = stats.f.isf(tail, v, n - 1)
-    lower = n * (msr - f1 * mse) / (f1 * (k * msc + (k * n - k - n) * mse) + n * msr)
-    upper = n * (f2 * msr - mse) / (k * msc + (k * n - k - n) * mse + n * f2 * msr)
-    return r, lower, upper
-
-
-@pytest.mark.parametrize("shape", [(2, 2), (3, 2), (4, 5), (12, 3)])
+@pytest.mark.parametrize("counts", [(2, 2), (3, 2, 4), (5, 5, 5, 5)])
 @pytest.mark.parametrize("offset", [0.0, 1e6])
-def test_agreement_and_consistency_equal_slow_twins(shape, offset):
-    rng = np.random.default_rng(shape[0])
-    table = rng.normal(size=shape) + rng.normal(size=(shape[0], 1)) + rng.normal(size=shape[1])
-    squares = mean_squares(table + offset)
-    found = icc_agreement(squares, level=0.9)
-    # The offset itself rounds the data to 1e-10.
-    near = {"rel": 1e-9, "abs": 1e-12} if offset == 0.0 else {"rel": 1e-6}
-    assert (found.estimate, found.lower, found.upper) == pytest.approx(
-        slow_agreement_limits(table, 0.9), **near
+def test_reliability_is_that_of_scipys_one_way_f(counts, offset):
+    rng = np.random.default_rng(len(counts))
+    groups = [rng.normal(size=count) + rng.normal() for count in counts]
+    who = np.repeat(np.arange(len(counts)), counts)
+    made = subject_means(np.concatenate(groups) + offset, who)
+    found = icc_one_way(
+        trial_mean_squares(made.values, np.array(counts, float), made.trial_sd), level=0.9
     )
-    found = icc_consistency(squares, level=0.9)
-    df = (shape[0] - 1, (shape[0] - 1) * (shape[1] - 1))
-    at = [
-        squares.ratio,
-        squares.ratio / stats.f.isf(0.05, *df),
-        squares.ratio / stats.f.ppf(0.05, *df),
-    ]
-    twin = [(f - 1.0) / (f + shape[1] - 1.0) for f in at]
-    assert (found.estimate, found.lower, found.upper) == pytest.approx(twin, rel=1e-9)
+    df = (len(counts) - 1, sum(counts) - len(counts))
+    k = (sum(counts) - sum(count**2 for count in counts) / sum(counts)) / df[0]
+    f = stats.f_oneway(*groups).statistic
+    at = [f, f / stats.f.isf(0.05, *df), f / stats.f.ppf(0.05, *df)]
+    twin = [(ratio - 1.0) / (ratio + k - 1.0) for ratio in at]
+    # The offset itself rounds the data to 1e-10.
+    near = {"rel": 1e-9} if offset == 0.0 else {"rel": 1e-6}
+    assert (found.estimate, found.lower, found.upper) == pytest.approx(twin, **near)
 
 
 def test_an_sd_is_bounded_by_chi_square_as_scipy_has_it():
@@ -124,7 +100,5 @@ def test_what_has_no_reliability_is_refused():
         mean_squares(np.ones((3, 3)))
     with pytest.raises(RefusalError, match="do not differ between subjects"):
         correlation(np.ones((4, 2)), level=0.9)
-    same = icc_agreement(mean_squares(np.array([[1.0, 1.0], [2.0, 2.0]])), level=0.9)
-    assert (same.estimate, same.lower) == (1.0, 1.0)
-    alike = icc_consistency(mean_squares(np.array([[1.0, 2.0], [2.0, 3.0]])), level=0.9)
+    alike = icc_one_way(mean_squares(np.array([[1.0, 2.0], [2.0, 3.0]])), level=0.9)
     assert (alike.estimate, alike.lower, alike.upper) == (1.0, 1.0, 1.0)
