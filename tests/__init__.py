@@ -7,7 +7,6 @@ from pathlib import Path
 DATASETS = Path(__file__).resolve().parent.parent / "datasets"
 
 #: The committed run of the benchmark, with the reference limits that it is measured against.
-BENCHMARK = DATASETS.parent / "reports" / "benchmark"
 
 #: Whether `make evidence` runs: tests then go over many cases where `make test` takes few.
 LONG = "PERCEPT_EVIDENCE" in os.environ

@@ -28,26 +28,6 @@ def evidence(study, environment, coupling, *, draws, device=None):
     return feels_real(display, users.select(slice(0, draws)), omega, central=0.99, decision=0.95)
 
 
-@pytest.mark.evidence
-def test_the_map_is_that_of_a_search_at_every_coupling(fitted: Study) -> None:
-    design = fitted.coupling_map
-    assert design is not None
-    rng = np.random.default_rng(5)
-    compared = []
-    for environment in design.environments[:3]:
-        likely = np.argwhere(environment.probability > 0.02)
-        for line, column in rng.permutation(likely)[:7]:
-            stiffness = environment.stiffness[line, column]
-            coupling = Coupling(float(stiffness), float(environment.damping[line]))
-            found = evidence(fitted, environment.name, coupling, draws=environment.draws)
-            compared.append((environment.probability[line, column], found.probability))
-    assert len(compared) > 20
-    mapped, searched = np.array(compared).T
-    # The map looks between fewer frequencies: it misses some dips, and no draw is worse there.
-    np.testing.assert_allclose(mapped, searched, atol=0.04)
-    assert np.mean(mapped - searched) < 0.01
-
-
 def renders(study, environment, coupling):
     """Whether the device renders an environment with every passive hand."""
     setup = study.setup
@@ -209,22 +189,6 @@ def test_a_device_without_damping_keeps_none_and_carries_no_coupling(sessions) -
 def alone(sessions):
     table = sessions.table
     return Sessions.from_frame(table[table["environment"] == "VE1"])
-
-
-@pytest.mark.evidence
-def test_modes_count(alone) -> None:
-    rigid = Study(alone, scene_of())
-    # A mode so light and stiff that it adds its mass and nothing else below 100 rad/s.
-    mode = {"mass": 1e-6, "stiffness": 1e4, "damping": 1.0}
-    modal = Study(
-        alone, scene_of(device={"mass": 1.0, "damping": 5.0, "period": PERIOD, "modes": [mode]})
-    )
-    for mine, other in zip(modal.other_devices.verdicts, rigid.other_devices.verdicts, strict=True):
-        np.testing.assert_allclose(mine.probability, other.probability, atol=0.03)
-    (mine,) = modal.coupling_map.environments
-    (other,) = rigid.coupling_map.environments
-    np.testing.assert_allclose(mine.probability, other.probability, atol=0.05)
-    np.testing.assert_allclose(mine.stiffness[:, -1], other.stiffness[:, -1], rtol=0.02)
 
 
 def test_a_measured_device_is_left_alone(alone, tmp_path) -> None:

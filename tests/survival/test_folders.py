@@ -61,7 +61,8 @@ def small_disk(folder, size):
 def test_a_posterior_that_does_not_fit_is_an_error_and_ends_no_process(tmp_path):
     """HDF5 itself ends the process when it closes a file on a full disk."""
     rough = ("--method", "bayesian", "--tolerance", "0.3")
-    ran = percept("fit", STUDY, *rough, "--out", tmp_path / "out", limit=500_000)
+    small = Path(__file__).parents[1] / "golden" / "data" / "one_environment.csv"
+    ran = percept("fit", small, *rough, "--out", tmp_path / "out", limit=500_000)
     assert ran.returncode == 2
     assert "cannot be written: File too large" in ran.stderr
     assert list(tmp_path.iterdir()) == []

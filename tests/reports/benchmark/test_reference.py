@@ -9,7 +9,6 @@ from scipy import stats
 
 from percept.errors import RefusalError
 from reports.benchmark.reference import (
-    STUDIES,
     TOLERANCE,
     Reference,
     page,
@@ -33,16 +32,6 @@ def rows(seed, sd):
         }
         for _ in range(25)
     ]
-
-
-def test_studies_are_what_their_descriptions_say():
-    for name, about in STUDIES.items():
-        study = study_of(name)
-        environments = int(study.environment.max()) + 1
-        assert about.startswith(f"{study.subjects} subjects, {environments} environments")
-        trials = np.unique(study.subject * len(study.environment) + study.cell, return_counts=True)
-        assert trials[1].max() == (3 if "3 trials" in about else 4 if "4 trials" in about else 1)
-        assert len(study.contrast) == (3 if "two factors" in about else "a factor" in about)
 
 
 def test_pooled_runs_are_averaged_and_their_errors_divided():

@@ -11,10 +11,8 @@ from reports.coverage.rates import (
     SIZES,
     bayesian_study,
     binomial_error,
-    edge_score,
     errors_of,
     kept_fits,
-    magnitude_study,
     part_rates,
 )
 from tests import DATASETS, LONG
@@ -44,15 +42,6 @@ def test_more_subjects_leave_fewer_undecided(rates):
         undecided = [rates[place, n][2] for n in SIZES]
         assert undecided == sorted(undecided, reverse=True)
         assert undecided[0] > undecided[-1]
-
-
-@pytest.mark.evidence
-def test_magnitude_rates_are_near_the_promise_though_not_exact():
-    studies = 400
-    at_edge = [magnitude_study(10, "at the edge", index) for index in range(studies)]
-    real = sum(line["magnitude"] == "feels real" for line in at_edge) / studies
-    assert edge_score() == pytest.approx(2.5758, abs=0.05)
-    assert real <= 0.07 + CLEAR * binomial_error(studies)
 
 
 def test_bayesian_verdicts_keep_their_error_rates():
