@@ -19,11 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate, sparse
+from scipy import integrate
 
 from percept.boundary.law import BEYOND, Axis, PairLaw, between, cell_and_fraction
 from percept.haptics.loop import Loop
-from percept.haptics.perceived import DistancePlane, Point
+from percept.haptics.perceived import DistancePlane
 
 __all__ = ["Balls", "Content", "Term"]
 
@@ -42,8 +42,6 @@ _SINE_WEIGHTS = 0.5 * np.pi * _WEIGHTS * np.cos(_ANGLES)
 _ROUGHNESS_ORDERS = 6
 _POLYNOMIALS = np.polynomial.legendre.legvander(_NODES, _NODE_COUNT - 1)
 _HIGHEST_POLYNOMIALS = _POLYNOMIALS[:, -_ROUGHNESS_ORDERS:]
-# Points of a table that one node's interval is read from: at both ends, two rows by two columns.
-_TERMS_PER_NODE = 8
 # Balls that hold more are worked out by what they leave out, which alone has digits in the tail.
 # The jump at this content moves no limit: upper limits hold more than half, lower ones less, and a
 # search needs only the side right.
@@ -173,10 +171,6 @@ class Balls:
         low, high = 0.5 * np.log(squares)
         return low, high
 
-    def squares(self, k: Array, b: Array) -> Array:
-        """Return abs(Z_h)² (M, N) of N points."""
-        return self.plane.column().square(Point(k, b))
-
     def smoother_inner(self, frequency: Indices, radius: Array) -> Indices:
         """Return which of k (0) and b (1) makes the smoother integral as inner variable, (Q,)."""
         k_inner = self.content_by(0, frequency, radius)
@@ -227,22 +221,6 @@ class Balls:
         roughness = np.divide(highest, slope, out=infinite, where=is_known)
         return Content(probability, slope, roughness)
 
-    def content_by_batch(
-        self,
-        frequency: Indices,
-        radius: Array,
-        inner_of: Indices,
-    ) -> Array:
-        """Return what balls (Q,) hold of all draws and of each batch, (Q, 1 + B).
-
-        The tables of batches are coarser, which is enough for differences between them.
-        """
-        content = np.empty((frequency.size, 1 + self.law.batch_count))
-        for inner in (0, 1):
-            (rows,) = np.nonzero(inner_of == inner)
-            content[rows] = self._by_batch(inner, frequency[rows], radius[rows])
-        return content
-
     def _missed(self, inner: int, slices: _Slices) -> Array:
         """Return how much of the outer variable's probability the nodes miss, (Q,).
 
@@ -289,39 +267,6 @@ class Balls:
             left=_edge(inner_term, -leg, radius),
             right=_edge(inner_term, leg, radius),
         )
-
-    def _by_batch(
-        self,
-        inner: int,
-        frequency: Indices,
-        radius: Array,
-    ) -> Array:
-        """Sum all batches in one product with a sparse matrix of interpolation weights."""
-        slices = self._slices(inner, frequency, radius)
-        table = self.law.by_batch[inner]
-        rows, columns, _ = table.shape
-        row, row_fraction = cell_and_fraction(slices.outer, rows)
-        weights = []
-        points = []
-        for edge, sign in ((slices.left, -1.0), (slices.right, 1.0)):
-            column, fraction = cell_and_fraction(edge.place, columns)
-            signed = sign * slices.weights
-            on_row = signed * (1.0 - row_fraction)
-            on_next_row = signed * row_fraction
-            before = 1.0 - fraction
-            point = row * columns + column
-            below = point + columns
-            weights += [on_row * before, on_row * fraction]
-            points += [point, point + 1]
-            weights += [on_next_row * before, on_next_row * fraction]
-            points += [below, below + 1]
-        flat = table.reshape(rows * columns, -1)
-        shape = (frequency.size, len(flat))
-        entries = np.concatenate(weights, axis=1).ravel()
-        indices = np.concatenate(points, axis=1).ravel()
-        starts = _TERMS_PER_NODE * _NODE_COUNT * np.arange(frequency.size + 1)
-        matrix = sparse.csr_array((entries, indices, starts), shape)
-        return np.asarray(matrix @ flat)
 
 
 def _leg(radius: Array, other: Array) -> Array:

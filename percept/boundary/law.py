@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import integrate, special
-from scipy.interpolate import CubicSpline, RectBivariateSpline
+from scipy import special
+from scipy.interpolate import CubicSpline, RectBivariateSpline, RegularGridInterpolator
 
 from percept.errors import RefusalError
 from percept.inference.classical.moments import sample
@@ -32,6 +32,7 @@ __all__ = [
     "BEYOND",
     "Axis",
     "PairLaw",
+    "Points",
     "between",
     "cell_and_fraction",
     "confidence_law",
@@ -138,6 +139,15 @@ class Axis:
         return np.where(inside, 1.0 / scale, 0.0)
 
 
+class Points(NamedTuple):
+    """P points of stiffness and damping that stand for a law."""
+
+    k: Array  # (P,) N/m
+    b: Array  # (P,) N·s/m
+    probability: Array  # (P,)
+    by_batch: Array  # (P, B) the same of each batch of draws
+
+
 @dataclass(frozen=True, eq=False)
 class PairLaw:
     """Law of stiffness and damping of one environment."""
@@ -173,20 +183,6 @@ class PairLaw:
         return self.shares.size
 
     @functools.cached_property
-    def by_batch(self) -> tuple[Array, Array]:
-        """The same of all draws and of each batch, (outer, inner, 1 + B), on the density's grid.
-
-        That is enough for differences between batches.
-        """
-        every = np.concatenate([self.density[None], self.batches])
-        k_axis, b_axis = self.axes
-        up_to = functools.partial(integrate.cumulative_trapezoid, every, initial=0)
-        up_to_k = up_to(dx=k_axis.step, axis=1)
-        of_k = up_to_k.transpose(2, 1, 0)
-        of_b = up_to(dx=b_axis.step, axis=2).transpose(1, 2, 0)
-        return np.ascontiguousarray(of_k), np.ascontiguousarray(of_b)
-
-    @functools.cached_property
     def infinite(self) -> float:
         """Probability that k or b is so large that it counts as infinite."""
         outside = 0.0
@@ -209,14 +205,22 @@ class PairLaw:
         variance = squares * self.batch_count / (self.batch_count - 1.0)
         return np.asarray(np.sqrt(variance))
 
-    def even(self, count: int) -> tuple[Array, Array, Array]:
-        """Return points that fill the plane evenly, k and b (count,), and their probability."""
-        k_place, b_place = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
+    def even(self, count: int) -> Points:
+        """Return points that fill the plane evenly."""
+        places = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
         k_axis, b_axis = self.axes
-        spline = RectBivariateSpline(k_axis.places(), b_axis.places(), self.density)
-        density = spline.ev(k_place, b_place)
-        probability = density / density.sum()
-        return k_axis.native(k_place), b_axis.native(b_place), probability
+        grid = k_axis.places(), b_axis.places()
+        density = RectBivariateSpline(*grid, self.density).ev(*places)
+        by_batch = np.empty((count, 0))
+        if self.batch_count:
+            batches = np.moveaxis(self.batches, 0, -1)
+            by_batch = RegularGridInterpolator(grid, batches)(places.T)
+        return Points(
+            k=k_axis.native(places[0]),
+            b=b_axis.native(places[1]),
+            probability=density / density.sum(),
+            by_batch=by_batch / by_batch.sum(axis=0),
+        )
 
     def ellipse(self, *, kind: Literal["mean", "user"], level: float, n: int) -> EllipseRegion:
         """Return the ellipse that holds a level of the law, out to a Mahalanobis distance."""
@@ -230,10 +234,10 @@ class PairLaw:
             radius=1.0,
             n=n,
         )
-        k, b, probability = self.even(_ELLIPSE_POINTS)
-        distance = unit.distance(k, b)
+        points = self.even(_ELLIPSE_POINTS)
+        distance = unit.distance(points.k, points.b)
         order = np.argsort(distance)
-        inside = np.cumsum(probability[order])
+        inside = np.cumsum(points.probability[order])
         requested = level * inside[-1]
         radius = np.interp(requested, inside, distance[order])
         return replace(unit, radius=float(radius))

@@ -1,4 +1,4 @@
-"""Limits of abs(Z_h) at single frequencies, from the joint law of k and b.
+"""Limits of abs(Z_h) from the joint law of k and b, at single frequencies and for whole curves.
 
 A score s stands for the level 2 Phi(s) - 1. The limits at a score are the radii r of two balls:
 
@@ -7,9 +7,14 @@ A score s stands for the level 2 Phi(s) - 1. The limits at a score are the radii
 Both sides are compared as normal scores, and r is searched for by its logarithm: one is nearly a
 straight line over the other. `ball` gives the probability and its slope in log r.
 
-No curve is drawn at random. The Monte Carlo error of a limit is that of the posterior draws behind
-the law. Batch i of the draws puts dP_i more into the ball, which moves the limit by dP_i / phi(s)
-scores; the slope of the limit over its score turns this into an error of log r.
+Points that stand for the law give the rest, each with its curve of log abs(Z_h). A curve's farthest
+score is the largest that it has at any frequency: limits hold whole curves with the probability of
+all points whose farthest score is smaller. Points on devices of a posterior, each on another one,
+average over devices: limits move by as much as those of the same points do.
+
+The Monte Carlo error of a limit is that of the posterior draws behind the law. Batch i of the draws
+puts dP_i more into the ball, which moves the limit by dP_i / phi(s) scores; the slope of the limit
+over its score turns this into an error of log r.
 """
 
 from __future__ import annotations
@@ -22,16 +27,18 @@ from numpy.typing import NDArray
 from scipy import special
 
 from percept.boundary.ball import Balls
-from percept.boundary.law import BEYOND, PairLaw
+from percept.boundary.law import BEYOND, PairLaw, Points
 from percept.boundary.shares import score_of
 from percept.errors import RefusalError
 from percept.haptics.loop import Loop
-from percept.searches import root
+from percept.haptics.perceived import perceived_magnitude
+from percept.haptics.records import AnyDevice, Device
+from percept.searches import rising_root
 
 __all__ = [
     "Magnitude",
     "MagnitudeLimits",
-    "density",
+    "SimultaneousScore",
     "level_of",
     "relative_error",
 ]
@@ -41,29 +48,24 @@ Indices = NDArray[np.intp]
 
 # Probabilities this near 0 or 1 have a finite normal score.
 _LEAST_PROBABILITY = 1e-14
-# Probability beyond the first guess of a limit: that of the usual 99 % limits.
-_GUESSED_TAIL = 0.005
-# Points of the law that the first guess is made from.
-_GUESS_POINTS = 600
+# Points of a law that is not drawn: they start the searches for its limits.
+_FEW_POINTS = 600
+# Points of a law of draws. The score that holds whole curves is known to 0.01 by them, a three
+# hundredth of a band's half-width.
+_POINTS = 4096
+# The same where the SD of log k is above one: at each frequency the device's mass cancels another k.
+_MANY_POINTS = 16_384
+# Runs of these points, whose scatter gives the error that devices add.
+_RUNS = 8
+# Score at which the order of integrals is chosen, that of the usual 99 % limits.
+_USUAL_SCORE = 2.6
 # SDs of a normal below which a limit's score counts as met: far less than a Monte Carlo error.
-_SCORE_ACCURACY = 1e-4
-# Accuracy of the search, `root`'s: the product of its last two steps, in widths of the band.
-_STEP_ACCURACY = 1e-4
-# Widths of the band around the guess within which limits are looked for first.
-_NEAR_GUESS = 3.0
-# Narrowest band, in logarithms, that steps of the search are measured in.
-_NARROWEST = 1e-9
-# A limit that misses its score by more, in SDs of a normal, is looked for again.
-_MISSED = 0.01
-# Steps are finer by this factor then: near an edge of the law a limit is far sharper than its band
-# is wide.
-_RETRY_FACTOR = 1e-3
-# SDs of a normal over which the slope of a limit is taken. In the tail of a heavy law the integral
-# gives a limit to all its digits, and its slope to none.
-_SLOPE_STEP = 0.05
+_SCORE_ACCURACY = 1e-6
+# SDs of a normal to either side, over which slopes are taken from points.
+_NEAR = 0.2
 # Smallest probability beyond a limit: the grid of a law leaves out a fifth of this.
 _LEAST_TAIL = 1e-5
-# The least square of a magnitude with a logarithm.
+# The least magnitude with a logarithm, N·s/m.
 _TINY = np.finfo(np.float64).tiny
 _SQRT_2PI = np.sqrt(2.0 * np.pi)
 
@@ -73,7 +75,7 @@ def level_of(score: float) -> float:
     return float(1.0 - 2.0 * special.ndtr(-score))
 
 
-def density(score: Array | float) -> Array:
+def _density(score: Array | float) -> Array:
     """Return the density of a standard normal."""
     log_ratio = -0.5 * np.square(score)
     return np.asarray(np.exp(log_ratio) / _SQRT_2PI)
@@ -95,6 +97,46 @@ class MagnitudeLimits:
         return replace(self, lower=lower, upper=upper)
 
 
+@dataclass(frozen=True, eq=False)
+class SimultaneousScore:
+    """The score of limits at single frequencies that hold whole curves."""
+
+    score: float
+    error: float  # Monte Carlo standard error
+    shifts: Array  # (B,) by how much each batch of draws would raise it
+
+    @property
+    def level(self) -> float:
+        """Level at single frequencies."""
+        return level_of(self.score)
+
+    @property
+    def level_error(self) -> float:
+        """Monte Carlo standard error of the level."""
+        return 2.0 * float(_density(self.score)) * self.error
+
+
+class _Curves:
+    """P curves of log abs(Z_h) with their probabilities, in order at each of M frequencies."""
+
+    def __init__(self, logs: Array, probability: Array) -> None:
+        order = logs.argsort(axis=1)
+        weights = probability[order] / probability.sum()
+        below = np.cumsum(weights, axis=1) - 0.5 * weights
+        self._scores = special.ndtri(below)  # (M, P) of the probability below
+        self._in_order = np.take_along_axis(logs, order, axis=1)
+        self.logs = logs  # (M, P)
+        #: (M, P) score of each curve.
+        self.scores = np.empty_like(logs)
+        np.put_along_axis(self.scores, order, self._scores, axis=1)
+
+    def limits(self, score: float) -> Array:
+        """Return the log limits (2, M) at a score."""
+        ends = [-score, score]
+        rows = zip(self._scores, self._in_order, strict=True)
+        return np.array([np.interp(ends, scores, logs) for scores, logs in rows]).T
+
+
 class Magnitude:
     """Law of abs(Z_h) at frequencies, from a law of (k, b).
 
@@ -108,6 +150,8 @@ class Magnitude:
         Frequencies, rad/s.
     mass : float, optional
         Mass of the environment, kg.
+    devices : Device, optional
+        N devices of its posterior, stacked, over which limits are averaged.
     """
 
     def __init__(
@@ -117,112 +161,104 @@ class Magnitude:
         omega: Array,
         *,
         mass: float = 0.0,
+        devices: Device | None = None,
     ) -> None:
         self.law = law
         self.balls = Balls(law, loop, omega, mass=mass)
-        self._logs_at: dict[float, Array] = {}
-        self._shifts_at: dict[float, Array] = {}
+        self._loop = loop
+        self._omega = omega[self.balls.finite]
+        self._mass = mass
+        self._devices = devices
 
-    def limits(self, level: float, shifts: Array | None = None) -> MagnitudeLimits:
+    def limits(self, score: float, shifts: Array | None = None) -> MagnitudeLimits:
         """Return equal-tailed limits.
 
         Parameters
         ----------
-        level : float
-            Probability between them at each frequency.
+        score : float
+            Of the probability between them at each frequency.
         shifts : ndarray, shape (B,), optional
-            By how many SDs each batch of draws moves the level itself: part of the errors.
+            By how many SDs each batch of draws moves the score itself: part of the errors.
 
         Raises
         ------
         RefusalError
             The law does not determine limits so far out.
         """
-        score = score_of(level)
         self._check_score(score)
+        at_point = self._solved(score)
+        averaged = at_point
+        device_share = None
+        if self._devices is not None:
+            averaged = at_point + self._device_shift(score, self._every_point)
+            device_share = self._device_share(at_point, averaged)
         finite = self.balls.finite
         limits = np.full((2, finite.size), np.inf)
-        limits[:, finite] = np.exp(self.log_limits(score))
+        limits[:, finite] = np.exp(averaged)
         if not self.law.batch_count:
             return MagnitudeLimits(limits[0], limits[1])
-        errors = np.zeros(limits.shape)
-        moves = self.batch_shifts(score)
+        moves = self._batch_shifts(score)
         if shifts is not None:
             moves = shifts + moves
-        by_score = self.law.standard_error(moves)
-        errors[:, finite] = self._slopes(score) * by_score
-        return MagnitudeLimits(limits[0], limits[1], errors)
+        width = self._curves.limits(score + _NEAR) - self._curves.limits(score - _NEAR)
+        error = np.abs(width) / (2.0 * _NEAR) * self.law.standard_error(moves)
+        if self._devices is not None:
+            # Points and devices are even in every run.
+            runs = self._every_point.reshape(_RUNS, -1)
+            by_run = [self._device_shift(score, run) for run in runs]
+            error = np.hypot(error, np.std(by_run, axis=0, ddof=1) / np.sqrt(_RUNS))
+        errors = np.zeros(limits.shape)
+        errors[:, finite] = error
+        return MagnitudeLimits(limits[0], limits[1], errors, device_share)
 
-    @functools.cached_property
-    def farthest_score(self) -> float:
-        """Largest score of limits: farther out the law says too little, or k or b is infinite."""
-        tail = max(_LEAST_TAIL, self.law.infinite)
-        return float(-special.ndtri(tail))
+    def simultaneous_score(self, level: float) -> SimultaneousScore:
+        """Return the score whose limits hold whole curves with a probability, `level`."""
+        points = self._points
+        sizes = np.abs(self._curves.scores)
+        frequency = sizes.argmax(axis=0)
+        farthest = sizes.max(axis=0)
+        upper = np.take_along_axis(self._curves.scores, frequency[None], axis=0)[0] > 0.0
+        order = farthest.argsort()
+        held = np.cumsum(points.probability[order])
+        # Whole curves leave at least as often as they leave at one frequency.
+        score = max(score_of(level), float(np.interp(level, held, farthest[order])))
+        near = (farthest > score - _NEAR) & (farthest <= score + _NEAR)
+        per_score = points.probability[near].sum() / (2.0 * _NEAR)
+        leaving = points.probability[farthest > score].sum()
+        # A batch has its own limits at a score, and its own probabilities.
+        moved = score + self._batch_shifts(score)[upper.astype(np.intp), frequency]
+        of_batch = np.sum(points.by_batch * (farthest[:, None] > moved), axis=0)
+        shifts = (of_batch - leaving) / per_score
+        return SimultaneousScore(score, float(self.law.standard_error(shifts)), shifts)
 
     def _check_score(self, score: float) -> None:
         """Refuse limits farther out than the law determines them, and say why."""
-        if score <= self.farthest_score:
+        infinite = self.law.infinite
+        farthest = -float(special.ndtri(max(_LEAST_TAIL, infinite)))
+        if score <= farthest:
             return
-        if self.law.infinite > _LEAST_TAIL:
+        if infinite > _LEAST_TAIL:
             raise RefusalError(f"a limit may lie beyond {BEYOND:.0e} N·s/m.")
-        highest = level_of(self.farthest_score)
+        highest = level_of(farthest)
         raise RefusalError(f"the law determines limits up to the level {highest:g} only.")
 
-    @functools.cached_property
-    def log_range(self) -> tuple[Array, Array]:
-        """Bounds of log abs(Z_h) on the law's grid, (M,) each: no limit lies outside."""
-        return self.balls.log_range()
+    def _solved(self, score: float) -> Array:
+        """Solve for the log limits (2, M) at a score with the device at its point."""
+        target = np.repeat([-score, score], self.balls.count)
 
-    def log_limits(self, score: float) -> Array:
-        """Return log limits (2, M) at a score, at the frequencies that have balls."""
-        if score not in self._logs_at:
-            self._logs_at[score] = self._solve(score)
-        return self._logs_at[score]
+        def misfit(which: Indices, logs: Array) -> tuple[Array, Array]:
+            """Return by how many SDs limits miss their score, and how fast that changes."""
+            radius = np.exp(logs)
+            content = self.balls.content(self._frequency[which], radius, self._inner[which])
+            most = 1.0 - _LEAST_PROBABILITY
+            scores = special.ndtri(np.clip(content.probability, _LEAST_PROBABILITY, most))
+            missing = scores - target[which]
+            missing[np.abs(missing) < _SCORE_ACCURACY] = 0.0
+            return missing, content.slope / _density(scores)
 
-    def log_limits_between(self, scores: Array) -> Array:
-        """Interpolate log limits at scores (B, 2, M), along straight lines between solved scores.
-
-        Solved are those that `log_limits` has been called with: some near these scores, and some
-        far off.
-        """
-        solved = np.array(sorted(self._logs_at))
-        tables = np.stack([self._logs_at[score] for score in solved])
-        following = np.searchsorted(solved, scores)
-        before = np.clip(following - 1, 0, solved.size - 2)
-        after = before + 1
-        spacing = solved[after] - solved[before]
-        fraction = (scores - solved[before]) / spacing
-        # Below the first score limits run on straight. The last is the farthest that the law
-        # determines: beyond it limits stay.
-        fraction = np.minimum(fraction, 1.0)
-        start = np.take_along_axis(tables, before, axis=0)
-        end = np.take_along_axis(tables, after, axis=0)
-        low, high = self.log_range
-        logs = start + fraction * (end - start)
-        return np.clip(logs, low, high)
-
-    def batch_shifts(self, score: float) -> Array:
-        """Return by how many SDs each batch of draws moves limits out, (2, M, B)."""
-        if score not in self._shifts_at:
-            log_radius = self.log_limits(score).ravel()
-            radius = np.exp(log_radius)
-            content = self.balls.content_by_batch(self._frequency, radius, self._inner)
-            # A batch with draws far narrower than the tables' steps may seem to hold less than
-            # nothing.
-            content = np.clip(content, 0.0, 1.0)
-            more = content[:, 1:] - content[:, :1]
-            scores = more / density(score)
-            shifts = scores.reshape(2, self.balls.count, -1)
-            # A batch that holds more moves the lower limit down and so out, the upper one in.
-            shifts[1] *= -1.0
-            self._shifts_at[score] = shifts
-        return self._shifts_at[score]
-
-    def _slopes(self, score: float) -> Array:
-        """Return how fast log limits (2, M) move out with their score."""
-        here = self.log_limits(score)
-        farther = self.log_limits(score + _SLOPE_STEP)
-        return np.abs(farther - here) / _SLOPE_STEP
+        low, high = (np.tile(end, 2) for end in self.balls.log_range())
+        start = np.clip(self._at_point.limits(score).ravel(), low, high)
+        return rising_root(misfit, start, low, high).reshape(2, -1)
 
     @functools.cached_property
     def _frequency(self) -> Indices:
@@ -230,101 +266,81 @@ class Magnitude:
         return np.tile(np.arange(self.balls.count), 2)
 
     @functools.cached_property
-    def _guess(self) -> Array:
-        """Log limits (2, M) of points that stand for the law, at the usual level."""
-        k, b, probability = self.law.even(_GUESS_POINTS)
-        squares = self.balls.squares(k, b)
-        order = np.argsort(squares, axis=1)
-        sorted_squares = np.take_along_axis(squares, order, axis=1)
-        positive = np.maximum(sorted_squares, _TINY)
-        logs = 0.5 * np.log(positive)
-        below = np.cumsum(probability[order], axis=1)
-        nearest = []
-        for tail in (below, 1.0 - below):
-            likely = np.maximum(tail, _LEAST_PROBABILITY)
-            ratio = likely / _GUESSED_TAIL
-            misfit = np.abs(np.log(ratio))
-            nearest.append(misfit.argmin(axis=1))
-        columns = np.stack(nearest, axis=1)
-        guessed = np.take_along_axis(logs, columns, axis=1)
-        return guessed.T
-
-    @functools.cached_property
     def _inner(self) -> Indices:
         """Which of k and b is the inner variable in the ball of each limit, (2 M,)."""
-        radius = np.exp(self._guess.ravel())
+        radius = np.exp(self._at_point.limits(_USUAL_SCORE).ravel())
         return self.balls.smoother_inner(self._frequency, radius)
 
-    def _solve(self, score: float) -> Array:
-        """Solve for log limits (2, M) at a score."""
-        search = _Search(self.balls, self._frequency, self._inner, score)
-        guess = self._extrapolate(score) if self._logs_at else self._guess
-        lower, upper = self._guess
-        # A band far narrower than its magnitude may have no width among the guess's points.
-        band = np.maximum(upper - lower, _NARROWEST)
-        width = np.tile(band, 2)
-        lowest, highest = self.log_range
-        low = np.tile(lowest, 2)
-        high = np.tile(highest, 2)
-        start = np.clip(guess.ravel(), low, high)
-        near = _NEAR_GUESS * width
-        near_low = np.maximum(low, start - near)
-        near_high = np.minimum(high, start + near)
-        logs = root(
-            search.misfit, start, near_low, near_high, width, most_step_product=_STEP_ACCURACY
+    @functools.cached_property
+    def _points(self) -> Points:
+        """Points that stand for the law."""
+        if not self.law.batch_count:
+            return self.law.even(_FEW_POINTS)
+        k_axis, _ = self.law.axes
+        wide = k_axis.log and k_axis.unit > 1.0
+        return self.law.even(_MANY_POINTS if wide else _POINTS)
+
+    @functools.cached_property
+    def _at_point(self) -> _Curves:
+        """Curves of all points with the device at its point."""
+        return self._curves_of(self._every_point, self._loop.device)
+
+    @functools.cached_property
+    def _curves(self) -> _Curves:
+        """Curves of all points, each on another device of the posterior where there is one."""
+        if self._devices is None:
+            return self._at_point
+        return self._curves_of(self._every_point, self._on_devices(self._every_point))
+
+    @property
+    def _every_point(self) -> Indices:
+        return np.arange(self._points.k.size)
+
+    def _on_devices(self, which: Indices) -> Device:
+        """Return the device of the posterior that each point is put on."""
+        assert self._devices is not None
+        return self._devices.select(which % np.size(self._devices.mass))
+
+    def _curves_of(self, which: Indices, device: AnyDevice) -> _Curves:
+        """Return curves of some points with a device, or with as many devices."""
+        points = self._points
+        magnitude = perceived_magnitude(
+            replace(self._loop, device=device),
+            self._omega[:, None],
+            points.k[which],
+            points.b[which],
+            mass=self._mass,
         )
-        misfits, _ = search.misfit(logs)
-        missed = np.abs(misfits) > _MISSED
-        if missed.any():
-            finer = _STEP_ACCURACY * _RETRY_FACTOR
-            logs = root(search.misfit, logs, low, high, width, most_step_product=finer)
-        return logs.reshape(2, -1)
+        return _Curves(np.log(np.maximum(magnitude, _TINY)), points.probability[which])
 
-    def _extrapolate(self, score: float) -> Array:
-        """Guess log limits from those at the nearest solved scores, along a straight line."""
-        nearest, *others = sorted(self._logs_at, key=lambda solved: abs(solved - score))
-        logs = self._logs_at[nearest]
-        if not others:
-            return logs
-        second = others[0]
-        slope = (self._logs_at[second] - logs) / (second - nearest)
-        return logs + (score - nearest) * slope
+    def _device_shift(self, score: float, which: Indices) -> Array:
+        """Return by how much devices of the posterior move the log limits (2, M) of points."""
+        on_devices = self._curves_of(which, self._on_devices(which))
+        at_point = self._curves_of(which, self._loop.device)
+        return on_devices.limits(score) - at_point.limits(score)
 
+    def _device_share(self, at_point: Array, averaged: Array) -> float:
+        """Return the share of the squared log width that the device makes, over log omega."""
+        before = at_point[1] - at_point[0]
+        after = averaged[1] - averaged[0]
+        wide = after > 0.0
+        share = 1.0 - (before[wide] / after[wide]) ** 2
+        lengths = np.ones(share.size)
+        if share.size > 1:
+            lengths = np.gradient(np.log(self._omega[wide]))
+        return float(np.clip(np.average(share, weights=lengths), 0.0, 1.0))
 
-class _Search:
-    """Misfit of log limits (2 M,), lower ones first, which remembers what it was called with."""
-
-    def __init__(
-        self,
-        balls: Balls,
-        frequency: Indices,
-        inner: Indices,
-        score: float,
-    ) -> None:
-        self.balls = balls
-        self.frequency = frequency
-        self.inner = inner
-        self.target = np.repeat([-score, score], balls.count)
-        self.logs = np.full(frequency.size, np.nan)
-        self.value = np.full(frequency.size, np.nan)
-        self.slope = np.full(frequency.size, np.nan)
-
-    def misfit(self, logs: Array) -> tuple[Array, Array]:
-        """Return by how many SDs limits miss their score, and how fast that changes."""
-        # Most limits are found in four steps: only the rest is worked out again.
-        (new,) = np.nonzero(logs != self.logs)
-        radius = np.exp(logs[new])
-        content = self.balls.content(self.frequency[new], radius, self.inner[new])
-        most = 1.0 - _LEAST_PROBABILITY
-        probability = np.clip(content.probability, _LEAST_PROBABILITY, most)
-        scores = special.ndtri(probability)
-        missing = scores - self.target[new]
-        # A value of zero ends the search of this limit.
-        missing[np.abs(missing) < _SCORE_ACCURACY] = 0.0
-        self.logs[new] = logs[new]
-        self.value[new] = missing
-        self.slope[new] = content.slope / density(scores)
-        return self.value.copy(), self.slope.copy()
+    def _batch_shifts(self, score: float) -> Array:
+        """Return by how many SDs each batch of draws moves limits out, (2, M, B)."""
+        points = self._points
+        change = points.by_batch - points.probability[:, None]
+        lower, upper = self._curves.limits(score)
+        # A batch that holds more moves the lower limit down and so out, the upper one in.
+        more = [
+            (self._curves.logs < lower[:, None]) @ change,
+            (self._curves.logs > upper[:, None]) @ change,
+        ]
+        return np.array(more) / _density(score)
 
 
 def relative_error(omega: Array, limits: MagnitudeLimits) -> float | None:

@@ -8,16 +8,14 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.boundary.limits import Magnitude, MagnitudeLimits, level_of, relative_error
+from percept.boundary.limits import Magnitude, MagnitudeLimits, SimultaneousScore, relative_error
 from percept.boundary.shares import score_of
-from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
 from percept.haptics.loop import log_grid
 from percept.results import BandDifference, BandPair, Boundary, Shape, Skipped
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array
 from percept.study.device import Setup
-from percept.study.device_boundaries import DeviceCurves
 from percept.study.regions import Law, Region, claim_fields
 
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
@@ -74,72 +72,39 @@ class _LawCurves:
     """Limits of abs(Z_h) of one law at frequencies (M,), rad/s, by their shape.
 
     Bayesian limits average over the device's posterior. A classical level counts repetitions of the
-    study, and a posterior has none. A simultaneous band takes its level from the same curves on the
+    study, and a posterior has none. A simultaneous band takes its score from the same curves on the
     environment's own grid, `on_grid`; None there.
     """
 
     def __init__(
         self, setup: Setup, law: Law, omega: Array, on_grid: _LawCurves | None = None
     ) -> None:
-        self._setup = setup
-        self._law = law
-        self._omega = omega
-        self._devices: DeviceCurves | None = None
-        if setup.draws is not None and law.method == "bayesian":
-            self._devices = DeviceCurves(setup, law, omega)
-        # Level of a Bayesian simultaneous band with the scene's device; and the SDs by which its
-        # score grows with the device's posterior.
-        self.level: SimultaneousLevel | None = on_grid.level if on_grid else None
-        self.widening: float = on_grid.widening if on_grid else 0.0
+        #: Of a Bayesian simultaneous band.
+        self.simultaneous: SimultaneousScore | None = on_grid.simultaneous if on_grid else None
         self.limits: dict[Shape, MagnitudeLimits] = {}
         self.refused: dict[Shape, str] = {}
+        bayesian = law.method == "bayesian"
+        mass = float(setup.references[law.environment].mass)
+        devices = setup.draws if bayesian else None
+        magnitude = Magnitude(law.pair, setup.loop, omega, mass=mass, devices=devices)
         try:
-            mass = float(setup.references[law.environment].mass)
-            magnitude = Magnitude(law.pair, setup.loop, omega, mass=mass)
-            self.limits["pointwise"] = self._pointwise(magnitude)
-            self.limits["simultaneous"] = self._simultaneous(magnitude)
+            pointwise = magnitude.limits(score_of(law.level))
+            self.limits["pointwise"] = pointwise
+            if bayesian:
+                if self.simultaneous is None:
+                    self.simultaneous = magnitude.simultaneous_score(law.level)
+                whole = magnitude.limits(self.simultaneous.score, self.simultaneous.shifts)
+            elif law.region is None:
+                raise RefusalError("the subjects' values give no ellipse.")
+            else:
+                # What holds (k, b) holds the whole curve. A calibrated level of the t law covers
+                # too little: 87 % of users where 90 % is stated.
+                whole = MagnitudeLimits(*setup.outline(law.region, "envelope", omega))
+            self.limits["simultaneous"] = whole.joined(pointwise)
         except RefusalError as error:
             for shape in _LAW_SHAPES:
                 if shape not in self.limits:
                     self.refused[shape] = error.message.removesuffix(".")
-        # Curves of a posterior of the device take 30 MB.
-        del self._devices
-
-    def _pointwise(self, magnitude: Magnitude) -> MagnitudeLimits:
-        """Return limits at single frequencies."""
-        limits = magnitude.limits(self._law.level)
-        if self._devices is None:
-            return limits
-        return self._devices.averaged(limits, score_of(self._law.level))
-
-    def _simultaneous(self, magnitude: Magnitude) -> MagnitudeLimits:
-        """Return limits between which whole curves lie."""
-        law = self._law
-        if law.method == "classical":
-            # What holds (k, b) holds the whole curve. A calibrated level of the t law covers too
-            # little: 87 % of users where 90 % is stated.
-            if law.region is None:
-                raise RefusalError("the subjects' values give no ellipse.")
-            around = self._setup.outline(law.region, "envelope", self._omega)
-            return self.limits["pointwise"].joined(MagnitudeLimits(*around))
-        if self.level is None:
-            self.level = simultaneous_level(magnitude, law.level)
-            if self._devices is not None:
-                least = score_of(law.level) - score_of(self.level.level)
-                self.widening = max(self._devices.widening(law.level), least)
-        limits = magnitude.limits(self.level.level, self.level.shifts)
-        if self._devices is None:
-            return limits
-        score = score_of(self.level.level)
-        averaged = self._devices.averaged(limits, score, self.widening)
-        return averaged.joined(self.limits["pointwise"])
-
-    @property
-    def pointwise_level(self) -> float | None:
-        """Level of a Bayesian simultaneous band at single frequencies."""
-        if self.level is None or not self.widening:
-            return self.level.level if self.level else None
-        return level_of(score_of(self.level.level) + self.widening)
 
 
 class BoundaryDrawing:
@@ -267,11 +232,11 @@ class BoundaryDrawing:
             if shape in on_grid.refused:
                 continue
             boundary = _boundary(law, "joint", shape, limits, frame)
-            if shape == "simultaneous" and curves.level is not None:
+            if shape == "simultaneous" and curves.simultaneous is not None:
                 boundary = dataclasses.replace(
                     boundary,
-                    pointwise_level=curves.pointwise_level,
-                    pointwise_level_error=curves.level.error,
+                    pointwise_level=curves.simultaneous.level,
+                    pointwise_level_error=curves.simultaneous.level_error,
                 )
             yield boundary
 

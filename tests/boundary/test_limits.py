@@ -12,7 +12,7 @@ from scipy import integrate
 
 from percept.boundary.law import PairLaw, confidence_law, mixture_law
 from percept.boundary.limits import Magnitude
-from percept.boundary.simultaneous import simultaneous_level
+from percept.boundary.shares import score_of
 from percept.errors import RefusalError
 from percept.haptics import Device, Environment, Loop, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
@@ -21,6 +21,7 @@ from tests.boundary.test_law import B, K, mixture
 
 DEVICE, PERIOD = Device(1.0, 5.0), 1e-3
 OMEGA = np.geomspace(0.1, 300.0, 61)
+SCORE = score_of(0.99)
 DRAWS = 400_000 if LONG else 100_000
 
 
@@ -64,10 +65,10 @@ def laws() -> list[tuple[PairLaw, np.ndarray]]:
 def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) -> None:
     law, (k, b) = laws()[which]
     magnitude = Magnitude(law, Loop(device, PERIOD), OMEGA)
-    limits = magnitude.limits(0.99)
+    limits = magnitude.limits(SCORE)
     # A law that is not drawn is not calibrated.
-    together = simultaneous_level(magnitude, 0.99) if law.shares.size else None
-    wide = magnitude.limits(together.level) if together else limits
+    together = magnitude.simultaneous_score(0.99) if law.shares.size else None
+    wide = magnitude.limits(together.score) if together else limits
     assert (wide.lower <= limits.lower).all()
     assert (limits.upper <= wide.upper).all()
     error, inside = np.sqrt(0.005 * 0.995 / DRAWS), np.ones(DRAWS, dtype=bool)
@@ -79,7 +80,8 @@ def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) 
     if together is None:
         return
     # The level's own error moves the share in proportion.
-    share = np.hypot(np.sqrt(0.01 * 0.99 / DRAWS), 0.01 * together.error / (1.0 - together.level))
+    share_of_level = 0.01 * together.level_error / (1.0 - together.level)
+    share = np.hypot(np.sqrt(0.01 * 0.99 / DRAWS), share_of_level)
     assert abs(inside.mean() - 0.99) < 4.5 * share
 
 
@@ -138,9 +140,9 @@ def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., A
     for seed in range(sets):
         law = mixture_law(*draw(320, seed), np.arange(320) % 16, "lognormal")
         magnitude = Magnitude(law, Loop(DEVICE, PERIOD), omega)
-        together = simultaneous_level(magnitude, 0.99)
+        together = magnitude.simultaneous_score(0.99)
         found.append(
-            (magnitude.limits(0.99), magnitude.limits(together.level, together.shifts), together)
+            (magnitude.limits(SCORE), magnitude.limits(together.score, together.shifts), together)
         )
     for which in (0, 1):
         limits = [each[which] for each in found]
@@ -150,7 +152,7 @@ def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., A
         assert np.abs(np.log(stated / scatter)).max() < 4.0 * spread
     levels = np.log([1.0 - each[2].level for each in found]).std(ddof=1)
     stated_level = np.sqrt(
-        np.mean([(each[2].error / (1.0 - each[2].level)) ** 2 for each in found])
+        np.mean([(each[2].level_error / (1.0 - each[2].level)) ** 2 for each in found])
     )
     # Batches of twenty draws bend: what they add is counted too.
     assert -4.0 * spread < np.log(stated_level / levels) < np.log(2.5)
@@ -173,8 +175,8 @@ def test_stated_error_of_a_band_is_its_scatter_where_few_draws_are_wide() -> Non
     for seed in range(count):
         law = mixture_law(*wide_draws(4000, seed), np.arange(4000) % 32, "lognormal")
         magnitude = Magnitude(law, Loop(DEVICE, PERIOD), omega)
-        together = simultaneous_level(magnitude, 0.99)
-        limits = magnitude.limits(together.level, together.shifts)
+        together = magnitude.simultaneous_score(0.99)
+        limits = magnitude.limits(together.score, together.shifts)
         assert limits.errors is not None
         logs.append(np.log(limits.upper))
         stated.append(limits.errors[1])
@@ -188,18 +190,16 @@ def test_limits_that_a_law_does_not_determine_are_refused() -> None:
     mean, covariance = mixture()
     far = mixture_law(mean, covariance * 4e4, np.arange(400) % 16, "lognormal")
     with pytest.raises(RefusalError, match=r"a limit may lie beyond 1e\+40 N·s/m"):
-        Magnitude(far, Loop(DEVICE, PERIOD), OMEGA).limits(0.99)
-    with pytest.raises(RefusalError, match="no limits at single frequencies hold whole curves"):
-        simultaneous_level(Magnitude(far, Loop(DEVICE, PERIOD), OMEGA), 0.99)
+        Magnitude(far, Loop(DEVICE, PERIOD), OMEGA).limits(SCORE)
     law = mixture_law(mean, covariance, np.arange(400) % 16, "lognormal")
     with pytest.raises(RefusalError, match=r"determines limits up to the level 0\.99998 only"):
-        Magnitude(law, Loop(DEVICE, PERIOD), OMEGA).limits(1.0 - 1e-6)
+        Magnitude(law, Loop(DEVICE, PERIOD), OMEGA).limits(score_of(1.0 - 1e-6))
 
 
 def test_the_mass_of_an_environment_moves_its_resonance() -> None:
     law = laws()[0][0]
     found, same = (
-        Magnitude(law, Loop(device, PERIOD), OMEGA, mass=mass).limits(0.9)
+        Magnitude(law, Loop(device, PERIOD), OMEGA, mass=mass).limits(score_of(0.9))
         for device, mass in ((DEVICE, 0.5), (Device(1.5, 5.0), 0.0))
     )
     # Rigidly joined, half a kilogram is the device's or the environment's.

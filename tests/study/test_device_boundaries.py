@@ -48,7 +48,7 @@ def independent(study: Study, boundary: Boundary, count: int) -> tuple[np.ndarra
         if (law.environment, law.kind, law.method)
         == (boundary.environment, boundary.kind, "bayesian")
     ]
-    k, b, weights = law.pair.even(count)
+    k, b, weights, _ = law.pair.even(count)
     logs = np.random.default_rng(4).standard_normal((2, count)) * np.array(SDS)[:, None]
     device = Device(np.exp(logs[0]), 5.0 * np.exp(logs[1]))
     magnitude = perceived_magnitude(Loop(device, 1e-3), boundary.omega[:, None], k, b)
