@@ -53,7 +53,7 @@ _FEW_POINTS = 600
 # Points of a law of draws. The score that holds whole curves is known to 0.01 by them, a three
 # hundredth of a band's half-width.
 _POINTS = 4096
-# The same where the SD of log k is above one: at each frequency the device's mass cancels another k.
+# The same where the SD of log k is above one: the device's mass cancels another k at each omega.
 _MANY_POINTS = 16_384
 # Runs of these points, whose scatter gives the error that devices add.
 _RUNS = 8
