@@ -293,22 +293,16 @@ def mixture_law(mean: Array, covariance: Array, batch: Indices, family: Family) 
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     sd = np.sqrt(variance)
     step = 1 + len(mean) // _BEND_DRAWS
-    bends = _quantiles(mean[::step], sd[::step], _BEND_TAIL)
+    *bends, _ = mixture_limits(mean[::step], sd[::step], _BEND_TAIL)
     # A few wide draws decide where an axis ends. What lies beyond the grid is lost: all are asked.
-    ends = _quantiles(mean, sd, _END_TAIL)
-    axes = _axes(total_covariance, bends, ends, family)
+    *ends, _ = mixture_limits(mean, sd, _END_TAIL)
+    axes = _axes(total_covariance, np.array(bends), np.array(ends), family)
     order = np.argsort(batch, kind="stable")
     sizes = np.bincount(batch)
     normals = _Normals.of(mean[order], covariance[order], axes)
     density = _mixture_density(normals, sizes, axes)
     shares = sizes / sizes.sum()
     return _normalised_law(density, shares, axes, centre, total_covariance, family)
-
-
-def _quantiles(mean: Array, sd: Array, tail: float) -> Array:
-    """Return the lower and the upper quantile (2, 2) of both margins of a mixture."""
-    lower, upper, _ = mixture_limits(mean, sd, tail)
-    return np.stack([lower, upper])
 
 
 def _mixture_density(normals: _Normals, sizes: Indices, axes: tuple[Axis, Axis]) -> Array:
