@@ -14,12 +14,15 @@ import shlex
 import sys
 from collections import Counter
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
 import tests
 from percept.provenance import made_by
 
+#: Elements of JUnit's format, and what they are called here.
+BAD = {"failure": "failed", "error": "failed", "skipped": "skipped"}
 _HEAD = """# Evidence
 
 Tests that take minutes: `make evidence` runs them all. `make test` runs some over fewer cases.
@@ -27,40 +30,25 @@ Tests that take minutes: `make evidence` runs them all. `make test` runs some ov
 """
 
 
-class Results:
-    """What pytest tells of each test, here or on a worker of xdist."""
+def rows_of(results: Path) -> list[str]:
+    """Return a row of Markdown per test: file, what it holds, cases, outcome, how long it took.
 
-    def __init__(self) -> None:
-        self.reports: dict[str, list[pytest.TestReport]] = {}
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Keep set-up, call and tear-down of each test."""
-        self.reports.setdefault(report.nodeid, []).append(report)
-
-    def rows(self) -> list[str]:
-        """A row of Markdown per test: file, what it holds, cases, outcome, and how long it took."""
-        tests: dict[str, list[list[pytest.TestReport]]] = {}
-        for case, reports in self.reports.items():
-            tests.setdefault(case.partition("[")[0], []).append(reports)
-        rows = []
-        for test, cases in sorted(tests.items()):
-            file, _, name = test.partition("::")
-            words = name.removeprefix("test_").replace("_", " ")
-            outcomes = Counter(map(_outcome, cases))
-            told = ", ".join(f"{count} {outcome}" for outcome, count in sorted(outcomes.items()))
-            seconds = sum(report.duration for reports in cases for report in reports)
-            rows.append(f"| `{file.removeprefix('tests/')}` | {words} | {told} | {seconds:.0f} |")
-        return rows
-
-
-def _outcome(reports: list[pytest.TestReport]) -> str:
-    """Say what a case came to: the worst of its set-up, call and tear-down."""
-    outcomes = {report.outcome for report in reports}
-    for bad in ("failed", "skipped"):
-        if bad in outcomes:
-            return bad
-    finished = any(report.when == "call" for report in reports)
-    return "passed" if finished else "not finished"
+    `results` is pytest's file of JUnit's format.
+    """
+    outcomes: dict[tuple[str, str], Counter[str]] = {}
+    seconds: Counter[tuple[str, str]] = Counter()
+    for case in ElementTree.parse(results).iter("testcase"):
+        test = case.attrib["classname"], case.attrib["name"].partition("[")[0]
+        outcome = next((child.tag for child in case if child.tag in BAD), "passed")
+        outcomes.setdefault(test, Counter())[BAD.get(outcome, outcome)] += 1
+        seconds[test] += float(case.attrib["time"])
+    rows = []
+    for (module, name), counts in sorted(outcomes.items()):
+        file = module.removeprefix("tests.").replace(".", "/") + ".py"
+        words = name.removeprefix("test_").replace("_", " ")
+        told = ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
+        rows.append(f"| `{file}` | {words} | {told} | {seconds[module, name]:.0f} |")
+    return rows
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -71,16 +59,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("tests", nargs="*", default=["tests"], help="files or folders (tests)")
     parsed = parser.parse_args(arguments)
     words = sys.argv[1:] if arguments is None else arguments
-    results = Results()
+    parsed.out.mkdir(parents=True, exist_ok=True)
+    results = parsed.out / "evidence.xml"
     options = ["-m", "evidence", "-q", "-n", parsed.workers, "-o", "timeout=3600"]
+    options.append(f"--junitxml={results}")
     # Processes of xdist read it when they start; this one has read it.
     os.environ["PERCEPT_EVIDENCE"] = "1"
     tests.LONG = True
-    code = pytest.main([*options, *parsed.tests], plugins=[results])
-    rows = results.rows()
+    code = pytest.main([*options, *parsed.tests])
+    rows = rows_of(results)
+    results.unlink()
     sentence = made_by(shlex.join(["python", "-m", "tests.evidence", *words])).sentence
     table = ["| tests/ | what it holds | cases | s |", "|---|---|---|---|", *rows]
-    parsed.out.mkdir(parents=True, exist_ok=True)
     if code:
         sentence += f" pytest ended with exit code {int(code)}: some tests failed, or did not run."
     page = _HEAD + sentence + "\n\n" + "\n".join(table) + "\n"

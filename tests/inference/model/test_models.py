@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
 
 from percept.errors import RefusalError
 from percept.inference.model.model import Resolution, plain_model
@@ -26,33 +25,6 @@ def test_identical_subjects_have_an_answer_with_a_resolution():
 
 
 CELLS = (("k", "VE1"), ("k", "VE2"), ("b", "VE1"))
-
-
-def test_unpooled_integrates_to_student_t():
-    """Mixing beta | sigma over the posterior of sigma gives t with n - 1 degrees of freedom."""
-    counts = np.array([2, 10, 25])
-    model = Unpooled(CELLS, counts)
-    for c, n in enumerate(counts):
-
-        def law(u, c=c):
-            point = np.zeros((1, 3))
-            point[0, c] = u
-            return model(point)[0] - model(np.zeros((1, 3)))[0], model.moments(point)
-
-        def density(u, law=law):
-            return np.exp(law(u)[0])
-
-        mass = integrate.quad(density, -12, 60, limit=200, epsabs=1e-13)[0]
-        for t in (0.0, 0.7, 2.5):
-
-            def below(u, t=t, c=c, n=n, density=density, law=law):
-                laws = law(u)[1]
-                return density(u) * stats.norm.cdf(
-                    (t / np.sqrt(n) - laws.mean[0, c]) / laws.sd[0, c]
-                )
-
-            found = integrate.quad(below, -12, 60, limit=200, epsabs=1e-13)[0] / mass
-            assert abs(found - stats.t.cdf(t, n - 1)) < 1e-8, (n, t)
 
 
 def test_unpooled_laws_and_draws():

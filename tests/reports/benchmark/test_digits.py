@@ -15,7 +15,6 @@ from reports.benchmark.digits import (
     moment_digits,
     number_accuracy,
 )
-from tests import LONG
 from tests.inference.model import exact
 
 LEVELS = twin.Levels(between=0.2, shared=1e-4, trial=30.0, tau=0.5, rest=1e-7)
@@ -70,22 +69,6 @@ def test_formulas_in_doubles_are_right_where_nothing_is_extreme():
     mild = dataclasses.replace(LEVELS, shared=0.3, trial=0.4, rest=0.6)
     wanted = float(twin.exact(response, X, mild))
     assert collapsed(response, X, mild) == pytest.approx(wanted, rel=1e-12)
-
-
-#: What varies. `tests/inference/model/test_extremes.py` holds the density to the same promise.
-SWEEPS = ("1 − correlation", "subjects", "offset")
-VARIANCES = ("all variances", *(f"variance of {name}, others 1e-12" for name in
-             ("between", "shared", "trial", "tau")))  # fmt: skip
-
-
-@pytest.mark.evidence(reduced=True)
-def test_the_density_keeps_its_promise_over_every_sweep():
-    along = (*SWEEPS, *VARIANCES) if LONG else SWEEPS
-    density = density_digits(1, along=along)
-    assert {row.along for row in density} == set(along)
-    worst = max(density, key=lambda row: row.over_promise)
-    assert worst.over_promise <= 1.0, worst
-    assert min(row.digits for row in density) > 14.0
 
 
 def test_an_error_and_a_nan_are_seen():
