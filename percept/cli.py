@@ -232,7 +232,7 @@ def _complain(message: str) -> None:
 
 
 def _command_among(words: Sequence[str]) -> str | None:
-    """Return the first word that is no option: no option before the command takes a value."""
+    """Return the first word that is no option; no option before the command takes a value."""
     return next((word for word in words if not word.startswith("-")), None)
 
 

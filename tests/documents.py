@@ -3,7 +3,7 @@
 import json
 
 from percept.report.overview import findings
-from percept.report.page import build_sections, render_page
+from percept.report.write import build_sections, render_page
 from percept.results import Data, Provenance, Results, Words
 from percept.sessions.quantities import IMPEDANCE
 

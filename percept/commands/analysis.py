@@ -67,7 +67,7 @@ WORKERS = (
 
 
 def checks_argument(*, usual: bool) -> Argument:
-    """Describe `--checks` and `--no-checks`, which go before the scene's `[checks]`."""
+    """Describe `--checks` and `--no-checks`, which override the scene's `[checks]`."""
     meaning = (
         f"check the model: normality, subjects left out, predictions ({'yes' if usual else 'no'})"
     )
@@ -118,7 +118,7 @@ def open_study(
 
 
 def with_factor(study: Study, column: str) -> Study:
-    """Return a study whose model has a column, beside what its scene names."""
+    """Return a study whose model has a column besides those its scene names."""
     if any(column in term for term in study.scene.terms):
         return study
     words = study.scene.study.model_dump(exclude_none=True)
@@ -155,7 +155,7 @@ def show(text: str) -> None:
 def print_table(
     rows: Any, columns: Sequence[str] | None = None, *, head: str = "", digits: int = 4
 ) -> None:
-    """Print a table or records: columns that hold something, of those that are wanted."""
+    """Print a table or records: of the columns that are wanted, those that are not empty."""
     import pandas as pd
 
     table = pd.DataFrame(rows)
@@ -260,7 +260,7 @@ class Working:
             self._bar.update(self._bar.task_ids[0], description=words, completed=done, total=total)
 
     def __call__(self, state: Progress) -> None:
-        """Show the sampler's steps and its worst error, of a half-width, with what is asked."""
+        """Show the sampler's steps, and its worst error beside the tolerance, of a half-width."""
         total = max(state.expected_steps, state.steps)
         words = f"sampling: {state.steps}/{total} steps"
         if math.isfinite(state.worst_error):

@@ -109,8 +109,8 @@ def _open_one(
     arguments: argparse.Namespace, path: str, scene: str | None, progress: Working
 ) -> _NamedStudy:
     """Open one of two studies."""
-    own = argparse.Namespace(**vars(arguments) | {"sessions": [path], "scene": scene})
-    return _NamedStudy(f"{path} under {scene}" if scene else path, open_study(own, progress))
+    chosen = argparse.Namespace(**vars(arguments) | {"sessions": [path], "scene": scene})
+    return _NamedStudy(f"{path} under {scene}" if scene else path, open_study(chosen, progress))
 
 
 def _differences(
@@ -176,8 +176,8 @@ def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progres
         if row.unit:
             measure = f"difference, in {row.unit}"
         head = f"{row.of.capitalize()}, {row.second} against {row.first}, {measure}:"
-        own = dataclasses.replace(row, environment=row.environment or "overall")
-        by_head.setdefault(head, []).append(own)
+        chosen = dataclasses.replace(row, environment=row.environment or "overall")
+        by_head.setdefault(head, []).append(chosen)
     for head, of_comparison in by_head.items():
         print_table(of_comparison, _CONTRAST, head=head)
     if tests:

@@ -197,7 +197,7 @@ def _needed(verdict: Verdict, subjects: str) -> str:
 
 
 def _refuse(kind: str, what: str, names: list[str]) -> None:
-    """Refuse options that a kind lacks, or has no use for."""
+    """Refuse a kind without the options it needs, or with others."""
     if names:
         flags = " and ".join(f"--{name.replace('_', '-')}" for name in names)
         raise UsageError(f"kind {kind} {what} {flags}.")

@@ -44,10 +44,10 @@ from percept.sessions.formula import TRIAL_REFERENCE
 
 #: What measures are called, in the order of the page. The PSE is the mean that stands elsewhere.
 _MEASURES = {
-    "jnd": "JND (SD of a {subject}’s adjustments)",
+    "jnd": "JND",
     "weber": "Weber fraction",
     "sd_subjects": "SD between {subjects}",
-    "icc_1": "ICC(1), the reliability of one trial",
+    "icc_1": "ICC(1)",
     "sigma_u": "σ u",
     "sigma_w": "σ w",
     "sigma_e": "σ e",
@@ -142,7 +142,7 @@ def _psychophysics(results: Results) -> Section:
     fields = "measure", "environment", "subject"
     columns: Columns = {
         "Measure": named,
-        "Of": lambda cell: cell[1] or cell[2] or f"all {words.environments}",
+        "Of": lambda cell: cell[1] or cell[2] or "all",
     }
     columns |= side_by_side(rows, fields, ("parameter", "method"), _measured)
     cells = dict.fromkeys(attrgetter(*fields)(row) for row in rows)
@@ -150,8 +150,10 @@ def _psychophysics(results: Results) -> Section:
     said = (
         f"The PSE is the average {words.user}’s setting above. σ u, σ w and σ e are"
         f" SDs{logarithms}: between {words.subjects} in all {words.environments}, between them in"
-        " one alone, and between trials."
+        " one alone, and between trials. ICC(1) is the reliability of one trial."
     )
+    if rows[0].measure == "jnd":
+        said += f" The JND is the SD of a {words.subject}’s adjustments."
     caption = f"Measures with {percent(rows[0].level)} limits."
     table = table_of(caption, cells, columns, name="psychophysics", csv="psychophysics")
     return Section("psychophysics", "Thresholds, spreads and reliability", [said], [table])
@@ -228,7 +230,7 @@ def level_figures(results: Results) -> dict[str, tuple[str, str]]:
 
 
 def _contrast(results: Results) -> Section:
-    """Return one table of contrasts with what it takes to read it, and tests of terms."""
+    """Return one table of contrasts, how to read it, and the tests of terms."""
     rows = contrast_rows(results)
     if not rows:
         return Section("contrast")
@@ -308,7 +310,7 @@ def _contrasts(rows: Sequence[ContrastRow], results: Results) -> Table:
 
 
 def _together(row: ContrastRow) -> ContrastRow:
-    """Return a contrast with the limits between which all of its factor lie, if there are any."""
+    """Return a contrast with the joint limits of its factor, if it has any."""
     if row.lower_together is None or row.upper_together is None:
         return row
     return dataclasses.replace(row, lower=row.lower_together, upper=row.upper_together)
@@ -344,16 +346,16 @@ def contrast_sentences(results: Results) -> list[str]:
     rows = [row for row in contrast_rows(results) if row.of not in ("level", "spread", "precision")]
     clearest = []
     for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in rows):
-        own = matching(rows, factor=factor, parameter=parameter)
-        own = matching(own, kind=present(KINDS, own, "kind")[0])
-        own = matching(own, method=present(METHODS[::-1], own, "method")[0])
-        clearest.append(max(matching(own, environment=None) or own, key=_clarity))
+        chosen = matching(rows, factor=factor, parameter=parameter)
+        chosen = matching(chosen, kind=present(KINDS, chosen, "kind")[0])
+        chosen = matching(chosen, method=present(METHODS[::-1], chosen, "method")[0])
+        clearest.append(max(matching(chosen, environment=None) or chosen, key=_clarity))
     clearest.sort(key=lambda row: row.of != "interaction")
     return [_difference(row, results) for row in clearest]
 
 
 def _clarity(row: ContrastRow) -> float:
-    """Return how many lengths of its interval a contrast lies from none."""
+    """Return how far a contrast lies from no difference, in widths of its interval."""
     return abs(row.estimate - is_ratio(row)) / (row.upper - row.lower or 1.0)
 
 

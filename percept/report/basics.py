@@ -21,14 +21,14 @@ R = TypeVar("R")
 KINDS = ("mean", "user", "share")
 METHODS = ("classical", "bayesian")
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
-#: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
+#: Joint treatments that the page shows: k and b each at the level asked for, or drawn together.
 _UNWIDENED = ("marginal", "joint")
 #: Environments that stand open and in figures; tables have all of more.
 MOST_SHOWN = 10
 
 
 def makes_impedance(results: Results) -> bool:
-    """Say whether the study is of an impedance, so that haptics may be spoken of."""
+    """Say whether the quantities make an impedance, so that haptic terms apply."""
     return results.data.quantities.keys() <= IMPEDANCE.keys()
 
 
@@ -61,12 +61,6 @@ def families_from(family: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys((family, "lognormal", "normal")))
 
 
-def is_rendered(results: Results, environment: str, *, coupled: bool) -> bool:
-    """Say whether the device renders an environment with every hand, as far as that was asked."""
-    rows = matching(results.rendering or (), environment=environment, coupled=coupled)
-    return not results.rendering or bool(matching(rows, verdict="can"))
-
-
 def distinct(records: Iterable[Any], name: str) -> list[Any]:
     """Return the different values of a field, in order of first appearance."""
     return list(dict.fromkeys(getattr(record, name) for record in records))
@@ -82,7 +76,7 @@ def matching(records: Iterable[R], **wanted: object) -> list[R]:
 
 
 def unwidened(records: Iterable[R]) -> list[R]:
-    """Return the records of the main account: not widened so that k and b hold together."""
+    """Return the records that the page shows: not widened so that k and b hold together."""
     return [record for record in records if getattr(record, "joint", "") in _UNWIDENED]
 
 
@@ -93,7 +87,7 @@ def present(names: Iterable[str], records: Iterable[Any], field: str) -> list[st
 
 
 def first(records: Sequence[R], **preferred: Sequence[object]) -> R | None:
-    """Return the record that stands highest in every preference, earlier fields weighing more."""
+    """Return the record with the most preferred values; earlier fields weigh more."""
     for values in product(*preferred.values()):
         for record in matching(records, **dict(zip(preferred, values, strict=True))):
             return record
@@ -134,7 +128,7 @@ def short(value: float, digits: int = 3) -> str:
 
 
 def apart(first: float, second: float) -> tuple[str, str]:
-    """Write two numbers with the digits that tell them apart."""
+    """Write two numbers with as many digits as it takes to tell them apart."""
     for digits in range(3, 16):
         texts = short(first, digits), short(second, digits)
         if texts[0] != texts[1]:
@@ -143,12 +137,12 @@ def apart(first: float, second: float) -> tuple[str, str]:
 
 
 def is_known(lower: float, upper: float) -> bool:
-    """Say whether limits say anything: positive ones span ten decades at most."""
+    """Say whether limits are informative: positive ones span ten decades at most."""
     return not 0.0 < _UNKNOWN * lower < upper
 
 
 def bracketed(unit: str) -> str:
-    """Write a unit behind what it is of; nothing for a pure number."""
+    """Write a unit in brackets, to follow a name; nothing for a pure number."""
     return f" ({unit})" if unit else ""
 
 
@@ -203,7 +197,7 @@ def digits_of(record: Any, least: int = 2) -> int:
 
 @dataclass(frozen=True)
 class Estimated:
-    """An estimate and its limits as sentences have them: with digits and unit alike."""
+    """An estimate and its limits, which sentences write with the same digits and unit."""
 
     estimate: float
     lower: float
@@ -244,7 +238,7 @@ def possessive(nouns: str) -> str:
 
 
 def spanned(sizes: Sequence[float], texts: Sequence[str]) -> str:
-    """List sizes as they are written; of many the smallest and the largest, of equal ones one."""
+    """List sizes; of many only the smallest and the largest, and equal ones once."""
     if len(set(texts)) == 1:
         return texts[0]
     if len(texts) <= MOST_NAMED:
@@ -335,7 +329,7 @@ def of(path: str, digits: int = 5, style: str = "plain") -> Callable[[Any], Cell
 
 
 def plus_minus(path: str, error: str, digits: int = 3, style: str = "percent") -> Any:
-    """Return what makes the cell of a number and its Monte Carlo error; of none, without it."""
+    """Return what makes the cell of a number and its Monte Carlo error, if it has one."""
     number = of(path, digits, style)
     its_error = of(error, 2, style)
 
@@ -391,7 +385,7 @@ def side_by_side(
     """Return a column for each combination of some fields; rows are the values of others."""
     columns: Columns = {}
     for combination in dict.fromkeys(tuple(getattr(r, name) for name in across) for r in records):
-        own = matching(records, **dict(zip(across, combination, strict=True)))
+        chosen = matching(records, **dict(zip(across, combination, strict=True)))
         head = ", ".join(METHOD_NAMES.get(text, text) for text in combination)
-        columns[head] = column(own, down, cell)
+        columns[head] = column(chosen, down, cell)
     return columns

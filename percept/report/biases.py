@@ -43,7 +43,7 @@ _LEAST_MOVED = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Bias(Estimated):
-    """An interval against its reference: as fractions of it, or less it in the unit."""
+    """An interval against its reference: as fractions of it, or as differences in the unit."""
 
     row: IntervalRow
     environment: str
@@ -124,7 +124,7 @@ def _bias(row: IntervalRow, reference: float, style: str) -> Bias:
 
 
 def foremost(results: Results) -> list[str]:
-    """Return the environments that stand open and in figures: of many the first."""
+    """Return the environments in figures and open tables: of many, the first."""
     return distinct(biases_of(results), "environment")[:MOST_SHOWN]
 
 
@@ -156,7 +156,7 @@ def bias_sentences(results: Results) -> list[str]:
 
 
 def _off(biases: Sequence[Bias], quantity: Quantity, results: Results) -> str:
-    """Say to which side of the references users set a quantity, and where; of many, the ends."""
+    """Say on which side of the references users set a quantity, and in which environments."""
     words = results.data.words
     if not quantity.is_matched:
         means = _placed(biases, len(biases), words.environments)
@@ -193,7 +193,7 @@ def _placed(biases: Sequence[Bias], every: int, environments: str) -> str:
 def _disagreements(
     biases: Sequence[Bias], classical: Sequence[Bias], results: Results
 ) -> list[str]:
-    """Say where the classical interval sees another sign, or lies apart, and why."""
+    """Say where the classical interval has another sign or lies apart, and why."""
     by_name = {bias.environment: bias for bias in classical}
     groups: dict[str, list[Bias]] = {}
     for bias in biases:
@@ -212,8 +212,8 @@ def _disagreements(
         sentences.append(f"The classical interval {holds} in {listed(named, MOST_NAMED)}.")
         names += [other.environment for other in others]
     effects = matching(results.ladder.effects if results.ladder else (), kind="mean")
-    own = matching(effects, parameter=biases[0].parameter)
-    return sentences + cause_sentences(own, names, results.data.words)
+    chosen = matching(effects, parameter=biases[0].parameter)
+    return sentences + cause_sentences(chosen, names, results.data.words)
 
 
 def cause_sentences(
@@ -230,7 +230,7 @@ def cause_sentences(
         cause = max(steps, key=steps.__getitem__, default="")
         if cause and steps[cause] > _LEAST_MOVED:
             by_cause.setdefault(CAUSES[cause].format(**vars(words)), []).append(name)
-    return [f"The main cause in {listed(own)}: {cause}." for cause, own in by_cause.items()]
+    return [f"The main cause in {listed(chosen)}: {cause}." for cause, chosen in by_cause.items()]
 
 
 def user_sentences(results: Results) -> list[str]:

@@ -115,15 +115,13 @@ def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
         "at ω, rad/s": of("width.omega", 3),
         "width ratio, median": of("width.median", 3, "ratio"),
     }
-    caption = (
-        f"The next {words.user}’s Bayesian boundary against the classical one (exact envelopes)."
-        " Shift: of the middle."
-    )
+    whom = f"The next {words.user}’s"
+    caption = f"{whom} Bayesian boundary against the classical one. Shift: of the middle."
     return table_of(caption, pairs, columns, name="band_pairs", csv="band_pairs")
 
 
 def _differences(results: Results) -> str:
-    """Say how wide the methods' intervals are beside each other."""
+    """Say how the widths of the methods' intervals compare."""
     pairs = results.comparison or ()
     ratios = [pair.width_ratio for pair in pairs if pair.width_ratio is not None]
     if not ratios:
@@ -145,8 +143,8 @@ def boundaries(results: Results) -> Section:
     sentences = []
     if records:
         sentences.append(
-            "A realistic performance boundary holds the |Z_h| at the handle that"
-            f" {words.users} take for the reference, over ω."
+            "A realistic performance boundary holds, over ω, the |Z_h| at the handle that"
+            f" {words.users} take for the reference."
         )
         sentences.append(drawn_said(results))
     pointwise = matching(records, shape="pointwise")
@@ -213,10 +211,10 @@ def _band(results: Results, parameter: str | None) -> Section:
     """Return how wide the bands of one quantity are, and which law they follow."""
     assert results.band is not None
     words = results.data.words
-    own = {"family": family_of(results), "parameter": parameter}
-    rows = matching(results.band.rows, **own)
-    laws = matching(results.band.laws, **own)
-    statements = matching(results.band.statements, **own)
+    chosen = {"family": family_of(results), "parameter": parameter}
+    rows = matching(results.band.rows, **chosen)
+    laws = matching(results.band.laws, **chosen)
+    statements = matching(results.band.statements, **chosen)
     if parameter is None:
         name, what, symbol, unit = "band", "|Z_e|", "|Z_e|", "N·s/m"
         at = f" at {results.band.omega:g} rad/s, without the device"
@@ -265,8 +263,8 @@ def _trend(results: Results, parameter: str | None) -> Table:
         "Trend κ of the model: change of the logarithm of the relative spread per decade of the"
         " reference. Weber’s law is κ = 0."
     )
-    own = [row for row in rows if parameter in (None, row.parameter)]
-    return table_of(caption, own, columns)
+    chosen = [row for row in rows if parameter in (None, row.parameter)]
+    return table_of(caption, chosen, columns)
 
 
 def _law_table(laws: Sequence[BandLaw], symbol: str, environment: str) -> Table:

@@ -68,7 +68,7 @@ def _sampling(results: Results) -> Section:
     measures = (
         ("Rank R̂ across ensembles, largest", gate.rhat, f"below {gate.rhat_limit}"),
         ("Autocorrelation time, longest (steps)", gate.autocorrelation_time, "finite"),
-        ("Length of a kept run in those times", gate.times_run, f"{gate.times_needed:g} or more"),
+        ("Length of a kept run, in these times", gate.times_run, f"{gate.times_needed:g} or more"),
         ("Effective draws, fewest", gate.effective_draws, ""),
         ("Fraction of proposals accepted", gate.acceptance, ""),
         (
@@ -137,16 +137,16 @@ def _people(results: Results) -> Section:
     loo = results.checks.loo if results.checks else None
     columns: Columns = {capitalised(words.subject): str}
     for parameter in distinct(rows, "parameter"):
-        own = matching(rows, parameter=parameter)
-        relative = own[0].relative
-        unit = "" if relative else bracketed(own[0].unit)
+        chosen = matching(rows, parameter=parameter)
+        relative = chosen[0].relative
+        unit = "" if relative else bracketed(chosen[0].unit)
         cells = {
             f"mean{unit}": of("mean", 2, "bias" if relative else "difference"),
             "SD": of("sd", 2, "percent" if relative else "plain"),
             "distance": of("distance", 2),
         }
         for head, cell in cells.items():
-            columns[f"{parameter}, {head}"] = column(own, "subject", cell)
+            columns[f"{parameter}, {head}"] = column(chosen, "subject", cell)
     logarithms = " (of logarithms)" if rows[0].log else ""
     caption = (
         f"What each {words.subject} {words.verb} over the {words.environments}: mean deviation from"
@@ -198,8 +198,10 @@ def _without(results: Results, loo: LeftOut) -> Table:
     columns: Columns = {capitalised(words.environment): str}
     for name in distinct(rows, "parameter"):
         quantity = results.data.quantities[name]
-        own = matching(rows, parameter=name)
-        columns[quantity.head + bracketed(quantity.unit)] = column(own, "environment", moved_most)
+        chosen = matching(rows, parameter=name)
+        columns[quantity.head + bracketed(quantity.unit)] = column(
+            chosen, "environment", moved_most
+        )
     verdicts = judged_verdicts(results)
     if any(one.without for one in verdicts):
         columns[f"real, {RENDERED[verdicts[0].coupled]}"] = column(verdicts, "environment", judged)
@@ -211,12 +213,12 @@ def _without(results: Results, loo: LeftOut) -> Table:
     )
     untold = [one.subject for one in loo.subjects if one.pareto_k > loo.good_k]
     if untold:
-        caption += f" Too few draws tell what it is without {listed(untold, MOST_SHOWN)}."
+        caption += f" Too few draws show what it is without {listed(untold, MOST_SHOWN)}."
     return table_of(caption, distinct(rows, "environment"), columns)
 
 
 def _farthest(values: Sequence[float | None], whole: float) -> int | None:
-    """Return the place of the value that lies farthest from the whole, of those that are known."""
+    """Return the index of the known value that lies farthest from the whole."""
     known = {index: abs(one - whole) for index, one in enumerate(values) if one is not None}
     return max(known, key=known.__getitem__, default=None)
 
@@ -235,11 +237,11 @@ def data(results: Results) -> Section:
     counts = [f"{labels.get(what, what)} {count}" for what, count in read.counts.items() if count]
     cells: Columns = {capitalised(words.environment): str}
     for name in distinct(read.cells, "parameter"):
-        own = matching(read.cells, parameter=name)
-        unit = bracketed(own[0].unit)
-        cells[f"{name}, {words.subjects}"] = column(own, "environment", of("n", style="count"))
-        cells[f"{name}, mean{unit}"] = column(own, "environment", of("mean"))
-        cells[f"{name}, SD{unit}"] = column(own, "environment", of("sd"))
+        chosen = matching(read.cells, parameter=name)
+        unit = bracketed(chosen[0].unit)
+        cells[f"{name}, {words.subjects}"] = column(chosen, "environment", of("n", style="count"))
+        cells[f"{name}, mean{unit}"] = column(chosen, "environment", of("mean"))
+        cells[f"{name}, SD{unit}"] = column(chosen, "environment", of("sd"))
     left_out: Columns = {
         "Who": of("who"),
         "What": of("what"),
@@ -260,8 +262,8 @@ def data(results: Results) -> Section:
             _settings(results),
         ],
         parts=[
-            Section("doubts", "To look at; nothing is left out", _notes(read.doubts), form="list"),
-            Section("notices", "Choices of the reader", _notes(read.notices), form="list"),
+            Section("doubts", "To check; nothing is left out", _notes(read.doubts), form="list"),
+            Section("notices", "How files were read", _notes(read.notices), form="list"),
             Section("provenance", "Provenance", [" ".join(_provenance(results))]),
             Section("skipped", "Not computed", _skipped(results), form="list"),
         ],
@@ -300,7 +302,7 @@ def _settings(results: Results) -> Table:
 
 
 def _skipped(results: Results) -> list[str]:
-    """Say what was not computed of what somebody asked for."""
+    """Say what was asked for and not computed."""
     scene = results.provenance.scene
     unasked = [f"[{table}]" for table in ("device", "coupling") if not scene.get(table)]
     has_jnd = bool((scene.get("study") or {}).get("jnd"))

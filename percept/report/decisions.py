@@ -65,13 +65,13 @@ def _named(names: Sequence[str], words: Words, every: int = 0) -> str:
 
 
 def _is_coupled(results: Results) -> bool:
-    """Say whether sentences are about the coupling: where there is one, they are."""
+    """Say whether there is a coupling, which sentences are then about."""
     rendering = matching(results.rendering or (), coupled=True)
     return bool(rendering or matching(results.verdicts, coupled=True))
 
 
 def _rendering(results: Results) -> list[Rendered]:
-    """Return what is rendered in the way that sentences are about, rigid walls left out."""
+    """Return what is rendered, through the coupling where there is one, without rigid walls."""
     rows = matching(results.rendering or (), coupled=_is_coupled(results))
     return [row for row in rows if row.environment is not None]
 
@@ -136,11 +136,11 @@ def _felt(
     """Say which environments have which outcome, with probabilities."""
     groups = []
     for outcome, forms in _SAID.items():
-        own = {name: chance for name, (found, chance) in outcomes.items() if found == outcome}
-        if own:
-            said = forms[len(own) > 1].format(_named(list(own), words, len(judged)))
-            shown = [_probability_said(chance, judged[0].decision) for chance in own.values()]
-            groups.append(f"{said} ({spanned(list(own.values()), shown)})")
+        chosen = {name: chance for name, (found, chance) in outcomes.items() if found == outcome}
+        if chosen:
+            said = forms[len(chosen) > 1].format(_named(list(chosen), words, len(judged)))
+            shown = [_probability_said(chance, judged[0].decision) for chance in chosen.values()]
+            groups.append(f"{said} ({spanned(list(chosen.values()), shown)})")
     return "; ".join(groups)
 
 
@@ -157,7 +157,7 @@ def _disagreeing(judged: Sequence[Verdict], results: Results) -> list[str]:
     effects = matching(results.ladder.effects if results.ladder else (), kind="user")
     said = _felt(others, judged, words)
     return [
-        f"That is the Bayesian answer. By the weakest classical part, {said}.",
+        f"That is the Bayesian answer; by the weakest classical part {said}.",
         *cause_sentences(effects, list(others), words),
     ]
 
@@ -182,7 +182,7 @@ def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
 
 
 def doubtful_rendering(results: Results) -> list[str]:
-    """Say what the device renders at its point, and not surely over its posterior."""
+    """Say what the device renders as stated, but not surely over its posterior."""
     rows = {row.environment: row.by_device for row in _rendering(results) if row.by_device}
     open_cases = []
     for verdict in judged_verdicts(results):
@@ -251,8 +251,8 @@ def device_sentence(results: Results) -> str:
     needed = [row.needed_damping for row in rows]
     said = spanned(needed, [short(size) for size in needed])
     return (
-        f"{_WAYS[_is_coupled(results)]}, {_named(names, results.data.words)} would need a device"
-        f" with {said} N·s/m of damping; this one has {device['damping']:g}."
+        f"{_named(names, results.data.words)} would need a device with {said} N·s/m of damping;"
+        f" this one has {device['damping']:g}."
     )
 
 
@@ -267,24 +267,21 @@ def coupling_sentences(results: Results) -> list[str]:
     unknown: list[str] = []
     for row in design.environments:
         if row.softest and row.stiffest:
-            stiffest = "a rigid one" if row.stiffest.bound == "map" else _coupling(row.stiffest)
-            spans[row.name] = f"{row.name} (from {_coupling(row.softest)} to {stiffest})"
+            stiffest = "rigid" if row.stiffest.bound == "map" else _coupling(row.stiffest)
+            spans[row.name] = f"{row.name} ({_coupling(row.softest)} to {stiffest})"
         else:
             (absent if row.outcome == "none" else unknown).append(row.name)
     sentences = []
     if spans:
         measure = "probability" if design.method == "bayesian" else "confidence"
         shown = list(spans.values() if len(spans) <= _MOST_SPANS else spans)
-        sentences.append(
-            f"With {percent(design.decision)} {measure}, some couplings make"
-            f" {_named(shown, words)} feel real."
-        )
-    if len(spans) > 1:
-        which = "both" if len(spans) == 2 else "all of them"
-        one = f"One of {_coupling(design.together)}" if design.together else "None of these ends"
-        sentences.append(f"{one} serves {which}.")
+        said = f"couplings make {_named(shown, words)} feel real"
+        if len(spans) > 1:
+            one = _coupling(design.together) if design.together else "none of these ends"
+            said += f"; {one} serves {'both' if len(spans) == 2 else 'all of them'}"
+        sentences.append(f"With {percent(design.decision)} {measure}, {said}.")
     if absent:
-        sentences.append(f"No coupling lets {_named(absent, words)} be rendered and feel real.")
+        sentences.append(f"No coupling renders {_named(absent, words)} and feels real.")
     if unknown:
         sentences.append(
             f"Whether a coupling makes {_named(unknown, words)} feel real the data do not decide."

@@ -76,7 +76,7 @@ def _rendering(results: Results) -> Section:
         sentences.append(said)
     columns: Columns = {capitalised(words.environment): lambda name: name or "a rigid wall"}
     for coupled in distinct(rows, "coupled"):
-        own = matching(rows, coupled=coupled)
+        chosen = matching(rows, coupled=coupled)
         way = ", coupled" if coupled else ""
         cells = {
             capitalised(RENDERED[coupled]): lambda row: _RENDERS[row.verdict],
@@ -87,7 +87,7 @@ def _rendering(results: Results) -> Section:
         # Without delay and filter every row binds at Nyquist.
         if len(distinct(rows, "binding_omega")) > 1:
             cells[f"binds at ω (rad/s){way}"] = of("binding_omega")
-        columns |= {head: column(own, "environment", cell) for head, cell in cells.items()}
+        columns |= {head: column(chosen, "environment", cell) for head, cell in cells.items()}
     caption = (
         "Rendering with every hand, and the damping that a rigid device needs. Margin: what this"
         " one dissipates over what is asked."
@@ -112,8 +112,8 @@ def centrals(results: Results) -> Table:
         if one.central != rows[0].central:
             probability = of(f"bayesian.by_central.{index}.probability", 3, "percent")
             columns[f"central {percent(one.central)}"] = probability
-    way = RENDERED[rows[0].coupled] if rows else ""
-    caption = f"The same probability {way}, for other central shares of {words.users}."
+    way = capitalised(RENDERED[rows[0].coupled]) if rows else ""
+    caption = f"{way}, for other central shares of {words.users}."
     return table_of(caption, rows, columns, name="centrals", csv="verdicts")
 
 
@@ -196,7 +196,7 @@ def _eq10(coupling: Coupling) -> str:
     """Say whether the coupling meets Eq. 10, and by which margin."""
     said = (
         "Eq. 10 of the paper asks for absolute stability of two ports joined by velocities. It"
-        " leaves out that sampled forces alias, and does not say what a sampled loop renders. Of"
+        " leaves out that sampled forces alias, and does not say what a sampled loop renders. For"
         f" the coupling of {coupling.stiffness:g} N/m and {coupling.damping:g} N·s/m it is"
         f" {coupling.eq10}. It binds at {short(coupling.eq10_omega, 5)} rad/s, where the device has"
         f" {percentage(coupling.eq10_margin)} of the damping asked for."
@@ -219,7 +219,7 @@ def _couplings(results: Results) -> Section:
         f"A coupling is admissible where the device renders the {words.environment} through it"
         " with every hand, and the display feels real. Its probability has to lie two Monte Carlo"
         f" errors above {percent(design.decision)} ({METHOD_NAMES[design.method]}{of_which})."
-        " “None”: every coupling lies two errors below."
+        " There is none if every coupling lies two errors below."
     ]
     if design.devices:
         sentences.append(

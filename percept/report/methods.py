@@ -117,8 +117,8 @@ def _design(results: Results) -> tuple[str, list[str]]:
         sizes = []
         for row in levels:
             # Some subjects lack references, and so an overall value.
-            own = matching(every, factor=factor, level=row.level)
-            values = zip(*(one.values for one in own), strict=True)
+            chosen = matching(every, factor=factor, level=row.level)
+            values = zip(*(one.values for one in chosen), strict=True)
             count = sum(any(one is not None for one in of_subject) for of_subject in values)
             sizes.append(f"{row.level} {count}")
         subjects = capitalised(results.data.words.subjects)
@@ -258,8 +258,8 @@ def _compared(results: Results) -> Iterator[str]:
     slopes = matching(rows, of="slope")
     if slopes:
         yield f"Covariates, about their means, were {listed(distinct(slopes, 'factor'))}."
-    if own := distinct(matching(slopes, within=True), "factor"):
-        yield f"Each {words.subject} has a slope of their own on {listed(own)}."
+    if chosen := distinct(matching(slopes, within=True), "factor"):
+        yield f"Each {words.subject} has a slope of their own on {listed(chosen)}."
 
 
 def _displayed(results: Results) -> Iterator[str]:

@@ -123,36 +123,36 @@ def _environments(results: Results, names: Sequence[str], name: str) -> Table:
     last: Columns = {}
     for parameter in distinct(biases, "parameter"):
         quantity = results.data.quantities[parameter]
-        own = matching(biases, parameter=parameter)
+        chosen = matching(biases, parameter=parameter)
         head = f"Mean {quantity.symbol}"
         if quantity.is_matched:
             head = f"Bias of {quantity.symbol}"
-            reference = column(own, "environment", of("row.reference", style="short"))
+            reference = column(chosen, "environment", of("row.reference", style="short"))
             columns[f"Reference {quantity.symbol}{bracketed(quantity.unit)}"] = reference
-        last[head + bracketed(own[0].unit)] = column(
-            own, "environment", lambda bias: estimate(bias, bias.style)
+        last[head + bracketed(chosen[0].unit)] = column(
+            chosen, "environment", lambda bias: estimate(bias, bias.style)
         )
     for coupled in distinct(results.rendering or results.verdicts, "coupled"):
-        columns[capitalised(RENDERED[coupled])] = _display(results, coupled=coupled)
+        columns[capitalised(RENDERED[coupled])] = displayed(results, coupled=coupled)
     row = biases[0].row
-    what = f"Bias of the average {words.user}"
-    if biases[0].style == "plain":
-        what = f"Mean of all {words.users}"
-    family = f"{row.family}: geometric means" if row.family == "lognormal" else row.family
+    what = "Mean of all" if biases[0].style == "plain" else "Bias of the average"
+    who = words.users if biases[0].style == "plain" else words.user
+    geometric = " (geometric mean)" if row.family == "lognormal" else ""
     caption = (
-        f"{what}, with its interval ({percent(row.level)}, {METHOD_NAMES[row.method]}, {family})."
+        f"{what} {who}{geometric} with {percent(row.level)} limits ({METHOD_NAMES[row.method]},"
+        f" {row.family})."
     )
     if results.verdicts:
         verdict = results.verdicts[0]
         measure = "probability" if verdict.method == "bayesian" else "confidence"
         caption += (
-            f" Real: with {percent(verdict.decision)} {METHOD_NAMES[verdict.method]} {measure}"
-            f" among the central {percent(verdict.central)} of {words.users} at every ω."
+            f" Real: among the central {percent(verdict.central)} of {words.users} at every ω, with"
+            f" {percent(verdict.decision)} {measure}."
         )
     return table_of(caption, names, columns | last, name=name, csv="intervals")
 
 
-def _display(results: Results, *, coupled: bool) -> Callable[[str], Cell]:
+def displayed(results: Results, *, coupled: bool) -> Callable[[str], Cell]:
     """Return what makes a cell on rendering, and on feeling real of what can be rendered."""
     verdicts = {row.environment: row for row in matching(results.verdicts, coupled=coupled)}
     rendering = matching(results.rendering or (), coupled=coupled)
@@ -224,13 +224,13 @@ def _other_family(results: Results) -> Iterator[str]:
     family = family_of(results)
     for parameter, quantity in results.data.quantities.items():
         rows = matching(results.intervals, parameter=parameter, kind="mean", joint="marginal")
-        own = distinct(matching(rows, family=family), "environment")
-        others = [name for name in distinct(rows, "environment") if name not in own]
-        if own and others:
+        chosen = distinct(matching(rows, family=family), "environment")
+        others = [name for name in distinct(rows, "environment") if name not in chosen]
+        if chosen and others:
             yield (
                 f"Intervals of {quantity.label} are of the normal family in {listed(others)}, where"
                 f" values of zero or below have no logarithm, and of the {family} family in"
-                f" {listed(own)}."
+                f" {listed(chosen)}."
             )
 
 

@@ -1,19 +1,34 @@
-"""Write a report: complete files only, and none of the user's replaced."""
+"""The page, with its sections in reading order, and the files of a report.
+
+The page needs no other file. Files are complete, and none of the user's is replaced.
+"""
 
 from __future__ import annotations
 
+import base64
 import datetime
+import hashlib
+import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
+from importlib import resources
 from pathlib import Path
+
+from markupsafe import Markup, escape
 
 from percept.errors import UsageError
 from percept.files import FolderFiles, filled_folder
-from percept.report.basics import Plot
-from percept.report.overview import findings
-from percept.report.tables import csv_tables
-from percept.results import Beside, Results
+from percept.provenance import commit_of_code
+from percept.report.adjustments import adjustments
+from percept.report.basics import Plot, Section, Table, Value, title_of
+from percept.report.boundaries import boundaries, comparison
+from percept.report.checks import checks, data
+from percept.report.display import display
+from percept.report.methods import bibtex, methods
+from percept.report.overview import findings, summary
+from percept.report.tables import csv_tables, paste_tables
+from percept.results import Beside, Findings, Results
 
 _FORMATS = ("svg", "pdf", "png")
 #: What a report may write and replace.
@@ -95,16 +110,12 @@ def fill_report(
     beside : callable
         Draws the figures while the rest is written, as `percept.workers.beside` does.
     """
-    # Matplotlib and Jinja2 are slow to import.
-    from percept.report.methods import bibtex
-    from percept.report.page import build_sections, render_page
-    from percept.report.tables import paste_tables
-
     step = progress or (lambda _: None)
     step("writing tables")
-    summary = findings(results)
+    found = findings(results)
 
     def draw() -> dict[str, Plot]:
+        # Matplotlib is slow to import.
         from percept.report.figures import drawings
         from percept.report.figures.canvas import draw_all
 
@@ -112,9 +123,9 @@ def fill_report(
         return draw_all(drawings(results), folder / "figures", formats=formats)
 
     with beside(draw) as plots:
-        (folder / "report.json").write_text(results.to_json(summary), encoding="utf-8")
+        (folder / "report.json").write_text(results.to_json(found), encoding="utf-8")
         (folder / "tables").mkdir()
-        sections = build_sections(results, summary)
+        sections = build_sections(results, found)
         _write_tables(folder, csv_tables(results))
         _write_tables(folder, paste_tables(sections, simulated=results.data.simulated))
         (folder / "references.bib").write_text(bibtex(results), encoding="utf-8")
@@ -181,3 +192,103 @@ def rewrite_report(
         if draws.is_file():
             shutil.copyfile(draws, folder / "posterior.nc")
     return Path(out_dir) / "report.html"
+
+
+_LONG = 32  # letters of a cell that may be broken
+#: How texts of cells are marked.
+_TONES = {
+    "feels real": "yes",
+    "within": "yes",
+    "does not feel real": "no",
+    "beyond": "no",
+    "cannot be rendered": "no",
+    "not decided": "none",
+    "too little data": "none",
+    "–": "none",
+}
+
+
+def build_sections(results: Results, found: Findings) -> list[Section]:
+    """Return the answer, the methods against each other, and what is folded."""
+    return [
+        summary(results, found),
+        comparison(results),
+        adjustments(results),
+        boundaries(results),
+        display(results),
+        checks(results),
+        data(results),
+        methods(results, found.paragraph),
+    ]
+
+
+def render_page(
+    results: Results,
+    sections: Sequence[Section],
+    plots: Mapping[str, Plot],
+    *,
+    date: str,
+    files: Collection[str] = (),
+) -> str:
+    """Render the page; tables link to `files`."""
+    # Jinja2 is slow to import.
+    from jinja2 import FunctionLoader, StrictUndefined
+    from jinja2.sandbox import SandboxedEnvironment
+
+    script = _asset("page.js")
+    environment = SandboxedEnvironment(
+        loader=FunctionLoader(_asset),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["symbols"] = _symbols
+    return environment.get_template("page.html.j2").render(
+        results=results,
+        sections=[section for section in sections if section.filled],
+        files=files,
+        title=results.provenance.scene["report"].get("title") or title_of(results),
+        words=results.provenance.scene["report"],
+        date=date,
+        commit=commit_of_code(),
+        tone=_tone,
+        tones=_TONES,
+        plots=plots,
+        style=_asset("page.css"),
+        script=script,
+        policy=_policy(script),
+    )
+
+
+def _tone(table: Table, column: int) -> str:
+    """Return the classes of a column: of text, and of text that may be broken."""
+    cells = [row[column] for row in table.rows]
+    if any(isinstance(part, Value) for cell in cells for part in cell):
+        return "number"
+    longest = max(len("".join(map(str, cell))) for cell in cells)
+    return "text long" if longest > _LONG else "text"
+
+
+def _policy(script: str) -> str:
+    """Return a content security policy: the script runs, and nothing is fetched or sent.
+
+    A script runs only if its text stands in the page byte for byte.
+    """
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    # Figures are full of style attributes, which have no hashes.
+    return (
+        f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _asset(name: str) -> Markup:
+    """Return a template, style sheet or script, as it stands."""
+    file = resources.files("percept.report").joinpath("templates", name)
+    return Markup(file.read_text(encoding="utf-8"))
+
+
+def _symbols(text: str) -> Markup:
+    """Set the subscripts of Z_h and its like, and escape the rest."""
+    return Markup(re.sub(r"Z_(h,vc|h|e|c|d)\b", r"Z<sub>\1</sub>", str(escape(text))))

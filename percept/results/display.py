@@ -307,8 +307,6 @@ class Membership:
     verdict_coupled: Inside
     departure_coupled: float
     departure_omega_coupled: float  # rad/s
-    effective_stiffness: float  # Through the coupling at `Coupling.read_at`, N/m
-    effective_damping: float  # N·s/m
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -357,12 +355,10 @@ class Coupling(NotebookRecord):
     eq10_margin: float  # Smallest ratio of Re Z_d to what Eq. 10 asks for
     eq10_omega: float  # Where it binds, rad/s
     required_damping: float | None  # By Eq. 10 of a rigid device, N·s/m; None for other devices
-    required_omega: float | None  # Where that need is largest, rad/s
     omega: Array  # (M,) Frequencies of Fig. 4, rad/s
     bound: Array  # (M,) Eq. 10's bound there
     admittance: Array  # (M,) Real part of the coupling's admittance there
     memberships: tuple[Membership, ...]  # By the paper's rule, one per environment
-    read_at: float  # Where single values are read, rad/s
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -296,7 +296,6 @@ def study_coupling(
 ) -> JudgedCoupling:
     """Judge a coupling by Eq. 10 of the paper, and by its rule over the frequencies of a table."""
     within = table.lower, table.upper
-    read_at = table.read_at
     loop = setup.loop
     device = loop.device
     coupling = setup.coupling
@@ -304,10 +303,10 @@ def study_coupling(
     criterion = haptics.absolute_stability(loop, coupling)
     required = None
     if isinstance(device, haptics.Device):
-        required = haptics.required_damping(loop, coupling)
+        required = float(haptics.required_damping(loop, coupling).damping)
     memberships = []
     for region in _best_regions(setup, regions, family):
-        memberships.append(_membership(setup, region, within, read_at))
+        memberships.append(_membership(setup, region, within))
     nyquist = loop.nyquist
     if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]
@@ -321,24 +320,17 @@ def study_coupling(
         eq10_reason=criterion.reason,
         eq10_margin=float(criterion.smallest_margin),
         eq10_omega=float(criterion.binding_omega),
-        required_damping=float(required.damping) if required else None,
-        required_omega=float(required.omega) if required else None,
+        required_damping=required,
         omega=omega,
         bound=coupling_bound(loop, omega),
         admittance=coupling_admittance(loop, omega, coupling).real,
         memberships=tuple(memberships),
-        read_at=read_at,
     )
 
 
-def _membership(
-    setup: Setup, region: Region, within: tuple[float, float], read_at: float
-) -> Membership:
+def _membership(setup: Setup, region: Region, within: tuple[float, float]) -> Membership:
     """Judge one reference by the paper's rule over a range of omega, rad/s."""
     assert region.limits is not None
-    assert setup.coupling is not None
-    reference = setup.references[region.environment]
-    effective = haptics.effective_impedance(setup.loop, read_at, reference, setup.coupling)
     box = Boxes.of(*region.limits)
     direct = setup.display(region.environment, coupled=False)
     coupled = setup.display(region.environment, coupled=True)
@@ -355,8 +347,6 @@ def _membership(
         verdict_coupled=of_coupled.verdict,
         departure_coupled=float(np.expm1(of_coupled.largest)),
         departure_omega_coupled=of_coupled.omega,
-        effective_stiffness=float(effective.stiffness),
-        effective_damping=float(effective.damping),
     )
 
 

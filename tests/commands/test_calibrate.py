@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import re
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -117,28 +116,12 @@ def test_each_method_has_its_own_number_of_studies_and_a_second_run_none(tmp_pat
     assert (out / "judged.jsonl").read_bytes() == judged
 
 
-@pytest.mark.parametrize(
-    ("scene", "change", "message"),
-    [
-        (
-            '[inference]\nfamily = "normal"\n[model]\nscale = { k = 10.0 }\n',
-            "0",
-            "the reference stiffness of VE1 is 0, and simulated responses are ratios to it",
-        ),
-    ],
-)
-def test_what_cannot_be_simulated_is_refused_first(tmp_path, capsys, scene, change, message):
-    sessions = SESSIONS
-    if change is not None:
-        with Path(SESSIONS).open() as file:
-            rows = list(csv.DictReader(file))
-        for row in rows:
-            row["k_ref"] = change if row["environment"] == "VE1" else row["k_ref"]
-        sessions = str(tmp_path / "zero.csv")
-        with Path(sessions).open("w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0])
-            writer.writeheader()
-            writer.writerows(rows)
-    assert calibrate(tmp_path, sessions, scene=scene) == 1
+def test_what_cannot_be_simulated_is_refused_first(tmp_path, capsys):
+    table = pd.read_csv(SESSIONS)
+    table.loc[table["environment"] == "VE1", "k_ref"] = 0.0
+    table.to_csv(tmp_path / "zero.csv", index=False)
+    scene = '[inference]\nfamily = "normal"\n[model]\nscale = { k = 10.0 }\n'
+    assert calibrate(tmp_path, str(tmp_path / "zero.csv"), scene=scene) == 1
+    message = "the reference stiffness of VE1 is 0, and simulated responses are ratios to it"
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

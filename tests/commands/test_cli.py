@@ -97,15 +97,6 @@ def test_a_locale_of_ascii_loses_no_line():
     assert r"N\xb7s/m" in ran.stdout
 
 
-def test_level_outside_its_range_is_wrong_usage(tmp_path, capsys):
-    out = tmp_path / "out"
-    code, message = refused(["fit", SESSIONS, "--level", "1.5", "--out", str(out)], capsys)
-    assert code == 2
-    assert "inference.level" in message
-    assert "1.5" in message
-    assert not out.exists()
-
-
 def test_a_zoom_window_of_no_environment_is_refused_before_anything_is_fitted(tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text("[report.zoom]\nA = [9, 11]\nBB = [9, 11]\n")
@@ -386,51 +377,6 @@ def test_classical_fit_imports_no_sampler(tmp_path):
     words = ["fit", SESSIONS, "--method", "classical", "--out", str(tmp_path / "out")]
     modules = imported_by(f"from percept.cli import main\nmain({words!r})")
     assert not modules & {"xarray", "jinja2", "rich", *SLOW} - {"scipy.stats"}
-
-
-def test_what_the_reader_noticed_is_said(tmp_path, capsys):
-    """The scene declares both units, so that numbers a thousand times too large are no error."""
-    study = write(tmp_path, [*ROWS, "S3,B,100,2,97,2.0"])
-    scene = tmp_path / "scene.toml"
-    scene.write_text(
-        '[columns]\nk_adj = {name = "k_adj", unit = "kN/m"}\nk_ref = {name = "k_ref", unit ='
-        ' "N/m"}\n',
-        encoding="utf-8",
-    )
-    asked = [
-        "fit",
-        study,
-        "--scene",
-        str(scene),
-        "--method",
-        "classical",
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    assert main(asked) == 0
-    said = capsys.readouterr().err
-    assert "notice: k_adj: k_adj is 9" in said
-    assert "times k_ref at the median: their units seem to differ." in said
-    assert main([*asked, "--quiet"]) == 0
-    assert capsys.readouterr().err == ""
-
-
-@pytest.mark.parametrize(("column", "ratio"), [("k_adj", "960"), ("k_ref", "0.00096")])
-def test_a_unit_declared_by_mistake_is_refused(tmp_path, capsys, column, ratio):
-    study = write(tmp_path, [*ROWS, "S3,B,100,2,97,2.0"])
-    scene = tmp_path / "scene.toml"
-    scene.write_text(
-        f'[columns]\n{column} = {{name = "{column}", unit = "N/mm"}}\n', encoding="utf-8"
-    )
-    out = tmp_path / "out"
-    for asked in (["validate"], ["fit", "--method", "classical", "--out", str(out)]):
-        assert main([asked[0], study, "--scene", str(scene), *asked[1:]]) == 2
-        captured = capsys.readouterr()
-        said = captured.out + captured.err
-        assert "study.csv:2" in said
-        assert f"k_adj is {ratio} times k_ref at the median" in said
-        assert "declare the units of both k_adj and k_ref" in said
-    assert not out.exists()
 
 
 def test_a_device_that_cannot_be_read_is_said_before_anything_is_sampled(tmp_path, capsys):

@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 
-import pandas as pd
 import pytest
 
 from percept.commands.analysis import Working
@@ -129,19 +128,6 @@ def test_a_stage_is_shown_on_a_terminal_and_said_elsewhere_once_it_is_slow():
     assert "coupling" in shown
     assert elsewhere.communicate(timeout=60) == ("", "percept: boundaries …\n")
     assert elsewhere.returncode == 0
-
-
-def test_a_fit_on_a_terminal(tmp_path):
-    table = pd.read_csv(SESSIONS, dtype={"subject": str})
-    sessions = tmp_path / "sessions.csv"
-    table[table["environment"] == "VE1"].to_csv(sessions, index=False)
-    out = tmp_path / "out"
-    words = ["fit", sessions, "--tolerance", "0.3", "--seed", "1", "--no-cache", "--out", out]
-    code, printed, shown = on_a_terminal(COMMAND, *map(str, words))
-    assert code == 0, shown
-    assert (out / "posterior.nc").exists()
-    assert re.search(r"\d+/\d+ steps, error", shown)
-    assert "VE1" in printed
 
 
 def test_nothing_is_shown_where_not_wanted(tmp_path):

@@ -7,26 +7,15 @@ from scipy import stats
 from percept import Scene, Study, haptics, read_sessions
 from percept.haptics import Loop
 from percept.results import dumps
-from percept.sessions import Sessions
 from tests.documents import build_document
 from tests.study.checked import study_of, table_of
 
-from .conftest import DATASETS, scene_of
+from .conftest import DATASETS
 
 
 def test_files_go_by_name_and_folders_stay_out(classical):
     assert [file["name"] for file in classical["provenance"]["files"]] == ["hbfd_sessions.csv"]
     assert str(DATASETS) not in dumps(classical)
-
-
-def test_the_same_study_gives_the_same_bytes():
-    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
-    alone = Sessions.from_frame(table[table["environment"] == "VE2"])
-    tables = scene_of().to_dict()
-    tables["frequency"]["points"] = 5
-    del tables["coupling"]
-    first, second = (dumps(build_document(Study(alone, Scene(**tables)))) for _ in range(2))
-    assert first == second
 
 
 def test_cells_are_the_adjustments(classical):
@@ -69,30 +58,6 @@ def test_a_summary_and_a_scene_without_device_are_documents_too():
     assert np.isfinite([row["lower"] for row in normal]).all()
 
 
-PERIOD = 0.001
-
-
-def test_the_map_reaches_to_the_stable_edge_of_any_device(classical, classical_study):
-    environments = classical["design"]["environments"]
-    assert [one["name"] for one in environments] == ["VE1", "VE2", "VE3", "VE4", "VE5"]
-    directly = [row for row in classical["rendering"] if not row["coupled"]]
-    for one, row in zip(environments, directly, strict=False):
-        # k_cT/2 + b_c < A_e·b_d/(A_e − b_d); below 5 N·s/m up to ten times what VE5 needs.
-        needed = row["needed_damping"]
-        reach = 750.0 if needed < 5 else needed * 5 / (needed - 5)
-        assert one["stiffness"][0][-1] == pytest.approx(2 * reach / PERIOD, rel=1.1e-4)
-    tables = classical_study.scene.to_dict()
-    tables["device"]["modes"] = [{"mass": 0.01, "stiffness": 1e4, "damping": 1.0}]
-    tables["frequency"]["points"] = 5
-    table = classical_study.sessions.table
-    alone = type(classical_study.sessions).from_frame(table[table["environment"] == "VE1"])
-    modal = Study(alone, type(classical_study.scene)(**tables))
-    # One environment is all there is.
-    (one,) = build_document(modal)["design"]["environments"]
-    assert one["name"] == "VE1"
-    assert np.shape(one["stiffness"]) == np.shape(one["probability"])
-
-
 def test_checks_of_normality_are_scipy_s_and_speak_where_they_reject():
     table = table_of(("k",), subjects=12, references=[[100.0, 1e3, 1e4]], seed=3)
     first = table["environment"].iloc[0]
@@ -116,14 +81,3 @@ def test_checks_of_normality_are_scipy_s_and_speak_where_they_reject():
             f"Shapiro–Wilk tests reject the {family} family, which classical intervals assume,"
             f" for k in {first}."
         ]
-
-
-def test_a_published_table_that_lacks_a_row_has_a_reason_for_no_maps(tmp_path):
-    rows = (DATASETS / "hbfd_table1.csv").read_text().splitlines()
-    path = tmp_path / "table.csv"
-    path.write_text("\n".join(row for row in rows if not row.startswith("VE2,b")) + "\n")
-    scene = scene_of(method="classical")
-    document = build_document(Study(read_sessions(path, scene=scene), scene))
-    assert document["design"] is document["sensitivity"] is None
-    said = {row["what"]: row["why"] for row in document["skipped"]}
-    assert said["admissible couplings"] == "they need a joint law of stiffness and damping"

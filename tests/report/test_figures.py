@@ -282,23 +282,6 @@ def test_the_title_of_boundaries_says_whom_they_are_for(classical, kinds, whom):
     assert ratios.title.startswith(f"What {whom} takes for the reference")
 
 
-def contrast(one, other):
-    """WCAG contrast ratio of two colours."""
-
-    def luminance(colour):
-        parts = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-        linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
-        return float(np.dot(linear, [0.2126, 0.7152, 0.0722]))
-
-    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
-    return (light + 0.05) / (dark + 0.05)
-
-
-@pytest.mark.parametrize("name", ["ink", "quiet", "classical", "bayesian", "coupled", "warn"])
-def test_colours_stand_out_from_the_paper(name):
-    assert contrast(COLOURS[name], COLOURS["paper"]) >= 4.5
-
-
 def test_methods_stay_apart_in_colour_blindness():
     # Viénot, Brettel and Mollon (1999): linear RGB as a protanope and a deuteranope sees it.
     seen_by = {

@@ -11,8 +11,8 @@ from percept import Scene, Study, read_sessions
 from percept.report.decisions import feeling_sentences
 from percept.report.methods import methods_paragraph, model_words
 from percept.report.overview import findings, setting_sentences
-from percept.report.page import build_sections
 from percept.report.tables import paste_tables
+from percept.report.write import build_sections
 from tests import DATASETS
 from tests.documents import EMPTY, as_results, page_of_results
 

@@ -50,13 +50,13 @@ def test_each_row_of_the_study_stands_in_one_cell(judged):
     assert sorted(shown) == sorted((row.estimate, row.lower, row.upper) for row in expected)
     assert table.caption == "Measures with 90 % limits."
     assert list(table.heads) == ["Measure", "Of", "k, classical"]
-    jnd = ("JND (SD of a subject’s adjustments) (N/m)",)
+    jnd = ("JND (N/m)",)
     assert [row[1] for row in table.rows if row[0] == jnd][:2] == [("weich",), ("hart",)]
 
 
 def test_the_page_speaks_of_what_there_is(judged):
     page = page_of_results(judged)
-    assert "JND (SD of a subject’s adjustments)" in page
+    assert "JND (N/m)" in page
     assert "Within one JND?" in page
     without = page_of_results(results_of(1))
     assert "JND" not in without

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,18 +13,17 @@ from percept.boundary.band import law_band, size_name
 from percept.report.basics import (
     METHOD_NAMES,
     METHODS,
+    NOTHING,
     bracketed,
     distinct,
     families_from,
     family_of,
     first,
-    is_rendered,
     matching,
     present,
     unwidened,
 )
 from percept.report.biases import drawn_said, foremost
-from percept.report.decisions import FEELINGS
 from percept.report.figures.canvas import (
     COLOURS,
     REFERENCE_DASHES,
@@ -38,6 +36,7 @@ from percept.report.figures.canvas import (
     panels,
     panels_height,
 )
+from percept.report.overview import displayed
 from percept.results import Band, Boundary, Results
 from percept.sessions.quantities import Quantity
 
@@ -54,7 +53,9 @@ _COLUMNS = 3  # panels side by side
 _VERDICT = 11  # letters in a line
 
 
-def draw_magnitude(ax: Axes, boundaries: Sequence[Boundary], *, log: bool = True) -> None:
+def draw_magnitude(
+    ax: Axes, boundaries: Sequence[Boundary], *, log: bool = True, ratio: bool = False
+) -> None:
     """Draw boundaries, the reference and the coupled impedance, in the manner of Fig. 7.
 
     Parameters
@@ -65,53 +66,48 @@ def draw_magnitude(ax: Axes, boundaries: Sequence[Boundary], *, log: bool = True
         Of one environment: classical limits are lines, Bayesian ones a filled band.
     log : bool
         Whether both axes are logarithmic.
+    ratio : bool
+        Whether all is drawn over the reference.
     """
+    shown = boundaries[0]
+    unit = shown.reference if ratio else np.ones_like(shown.reference)
     for one in boundaries:
         colour = COLOURS[one.method]
         averaged = ", over devices" if one.device_share is not None else ""
         label = f"{METHOD_NAMES[one.method]}, {one.shape} ({one.family}){averaged}"
+        lower, upper = one.lower / unit, one.upper / unit
         width = 1.2
         if one.method == "bayesian":
             width = 0.6
             ax.fill_between(
-                one.omega, one.lower, one.upper, color=colour, alpha=0.25, linewidth=0, label=label
+                one.omega, lower, upper, color=colour, alpha=0.25, linewidth=0, label=label
             )
             label = ""
-        ax.plot(one.omega, one.lower, color=colour, linewidth=width, label=label)
-        ax.plot(one.omega, one.upper, color=colour, linewidth=width)
-    shown = boundaries[0]
-    dashes = REFERENCE_DASHES
-    ax.plot(shown.omega, shown.reference, color=COLOURS["ink"], linestyle=dashes, label="reference")
+        ax.plot(one.omega, lower, color=colour, linewidth=width, label=label)
+        ax.plot(one.omega, upper, color=colour, linewidth=width)
+    ax.plot(
+        shown.omega,
+        shown.reference / unit,
+        color=COLOURS["ink"],
+        linestyle=REFERENCE_DASHES,
+        label="reference",
+    )
     if shown.coupled is not None:
-        label = "through the coupling"
-        colour = COLOURS["coupled"]
-        ax.plot(shown.omega, shown.coupled, color=colour, linestyle=_COUPLED_DASHES, label=label)
+        ax.plot(
+            shown.omega,
+            shown.coupled / unit,
+            color=COLOURS["coupled"],
+            linestyle=_COUPLED_DASHES,
+            label="through the coupling",
+        )
     ax.set_xlim(shown.omega[0], shown.omega[-1])
     ax.set_xlabel("ω (rad/s)")
-    ax.set_ylabel("|Zₕ| (N·s/m)")
+    ax.set_ylabel("|Zₕ| / reference’s |Zₕ|" if ratio else "|Zₕ| (N·s/m)")
     if log:
         log_scale(ax, "x", plain=True)
-        log_scale(ax, "y")
+        log_scale(ax, "y", plain=ratio)
     else:
         ax.locator_params(nbins=3)
-
-
-def _draw_ratios(ax: Axes, boundaries: Sequence[Boundary]) -> None:
-    """Draw boundaries and the coupled impedance over the reference, on an axis that holds them."""
-    ratios = []
-    for one in boundaries:
-        ratios.append(
-            replace(
-                one,
-                lower=one.lower / one.reference,
-                upper=one.upper / one.reference,
-                reference=np.ones_like(one.reference),
-                coupled=None if one.coupled is None else one.coupled / one.reference,
-            )
-        )
-    draw_magnitude(ax, ratios)
-    log_scale(ax, "y", plain=True)
-    ax.set_ylabel("|Zₕ| / reference’s |Zₕ|")
 
 
 def curve_drawings(results: Results) -> list[Drawing]:
@@ -123,6 +119,8 @@ def curve_drawings(results: Results) -> list[Drawing]:
     kind = present(_WHOM, main, "kind")[0]
     whom = _WHOM[kind].format(results.data.words)
     families = families_from(family_of(results))
+    is_coupled = bool(matching(results.verdicts, coupled=True))
+    cell_of = displayed(results, coupled=is_coupled)
 
     def drawing(boundaries: Sequence[Boundary], **words: str) -> Drawing:
         names = distinct(boundaries, "environment")
@@ -135,9 +133,10 @@ def curve_drawings(results: Results) -> list[Drawing]:
             if boundaries is not main:
                 draw_magnitude(ax, by_name[index], log=False)
                 return
-            _draw_ratios(ax, by_name[index])
+            draw_magnitude(ax, by_name[index], ratio=True)
             # A panel is some 20 mm wide.
-            verdict = textwrap.fill(_verdict(results, names[index]), _VERDICT)
+            shown = cell_of(names[index])
+            verdict = "" if shown == NOTHING else textwrap.fill(str(shown[0]), _VERDICT)
             ax.set_title(f"{ax.get_title()}\n{verdict}".strip(), fontsize="medium")
 
         columns = min(len(names), _COLUMNS)
@@ -154,15 +153,6 @@ def curve_drawings(results: Results) -> list[Drawing]:
         title = f"Boundaries of |Z_h| for {whom}, close views"
         drawings.append(drawing(close, name="boundaries_close", title=title, description=""))
     return drawings
-
-
-def _verdict(results: Results, name: str) -> str:
-    """Return the verdict on the display, through the coupling where there is one."""
-    coupled = bool(matching(results.verdicts, coupled=True))
-    verdict = first(matching(results.verdicts, environment=name, coupled=coupled))
-    if not is_rendered(results, name, coupled=coupled):
-        return "cannot be rendered"
-    return FEELINGS[verdict.outcome] if verdict else ""
 
 
 def alike_boundaries(
@@ -221,10 +211,10 @@ def draw_band(
         if row is None:
             continue
         drawn.append(method)
-        own = matching(of_parameter, method=method, family=row.family)
-        sizes = [getattr(one, size) for one in own]
+        chosen = matching(of_parameter, method=method, family=row.family)
+        sizes = [getattr(one, size) for one in chosen]
         laws = matching(band.laws, method=method, family=row.family, parameter=parameter)
-        for one, place in zip(own, sizes, strict=True):
+        for one, place in zip(chosen, sizes, strict=True):
             ends = [one.band_lower or one.band, one.band_upper or one.band]
             draw_interval(
                 ax, place * _APART[method], ends, one.band, method, width=1.2, upright=True
@@ -235,7 +225,7 @@ def draw_band(
         values = np.array([[estimate.value for estimate in law.parameters.values()]])
         line = law_band(law.model, values, grid)[0]
         ax.plot(grid, line, color=COLOURS[drawn[-1]], linewidth=0.9, label=_LAWS[law.model])
-    for one in own:
+    for one in chosen:
         ax.annotate(
             one.environment, (getattr(one, size), one.band), xytext=(6, -7),
             textcoords="offset points", fontsize="small",

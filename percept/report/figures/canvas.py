@@ -130,7 +130,7 @@ def legend(axes: Sequence[Axes], *, ncols: int = 4) -> None:
 
 
 def method_legend(ax: Axes, methods: Sequence[str]) -> None:
-    """Name methods in the legend by lines of no length."""
+    """Name methods in the legend, by lines without points."""
     for method in methods:
         ax.plot([], [], color=COLOURS[method], linewidth=3, label=METHOD_NAMES[method])
 
@@ -261,7 +261,7 @@ def _inline(drawing: Drawing, text: str) -> str:
     label = f"svg-{drawing.name}"
     used = {f"{label}-title", f"{label}-desc", *_REFERENCE.findall(inside)}
 
-    def own(found: re.Match[str]) -> str:
+    def recoloured(found: re.Match[str]) -> str:
         tag = found[0]
         for name, colour in COLOURS.items():
             tag = tag.replace(colour, f"var(--{name})")
@@ -273,5 +273,5 @@ def _inline(drawing: Drawing, text: str) -> str:
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
-        f'role="img" aria-labelledby="{label}-title {label}-desc">{_TAG.sub(own, inside)}\n'
+        f'role="img" aria-labelledby="{label}-title {label}-desc">{_TAG.sub(recoloured, inside)}\n'
     )

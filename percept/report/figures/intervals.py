@@ -93,7 +93,14 @@ def draw_intervals(
     reference_line(ax, float(relative))
     for top, x in zip(tops, dots.values(), strict=True):
         label = f"one {words.subject}" if len(x) else None
-        ax.plot(x, np.full(len(x), top), ".", color=COLOURS["quiet"], markersize=3.4, label=label)
+        ax.plot(
+            x,
+            np.full(len(x), top),
+            ".",
+            color=COLOURS["quiet"],
+            markersize=3.4,
+            label=label,
+        )
     for row, (lower, upper, estimate) in zip(rows, bars, strict=True):
         draw_interval(
             ax,
@@ -110,7 +117,13 @@ def draw_intervals(
         "share": f"share of {words.users}",
     }
     for kind in present(KINDS, rows, "kind"):
-        ax.plot([], [], color=COLOURS["quiet"], linewidth=_THICKNESS[kind], label=names[kind])
+        ax.plot(
+            [],
+            [],
+            color=COLOURS["quiet"],
+            linewidth=_THICKNESS[kind],
+            label=names[kind],
+        )
     ax.set_xlim(left, right)
     if log:
         log_scale(ax, "x", plain=True)
@@ -122,7 +135,7 @@ def draw_intervals(
 
 
 def _against_label(label: str, quantity: Quantity, unit: str, *, relative: bool) -> str:
-    """Name an axis of values over their reference, or less it."""
+    """Name an axis of values divided by their reference, or less the reference."""
     if relative:
         return f"{label} / reference"
     return label + (" − reference" if quantity.is_matched else "") + bracketed(unit)
@@ -164,8 +177,8 @@ def overview_drawings(results: Results) -> list[Drawing]:
         axes = panels(figure, len(names), columns=columns)
         for index, (ax, name) in enumerate(zip(axes, names, strict=True)):
             quantity = results.data.quantities[name]
-            own = matching(shown, parameter=name)
-            draw_intervals(ax, own, results.data.cells, quantity, words)
+            chosen = matching(shown, parameter=name)
+            draw_intervals(ax, chosen, results.data.cells, quantity, words)
             ax.set_title(quantity.head, loc="left")
             ax.tick_params(axis="y", labelleft=index % columns == 0)
         legend(axes, ncols=3)
@@ -189,12 +202,12 @@ def level_drawings(results: Results) -> list[Drawing]:
     drawings = []
     for name, (parameter, factor) in level_figures(results).items():
         quantity = results.data.quantities[parameter]
-        own = matching(results.levels, parameter=parameter, factor=factor)
+        chosen = matching(results.levels, parameter=parameter, factor=factor)
         drawings.append(
             Drawing(
                 name=name,
                 title=f"{quantity.head} at the levels of {factor}, and their differences",
-                description=f"Above: a {'line' if own[0].within else 'point'} for each"
+                description=f"Above: a {'line' if chosen[0].within else 'point'} for each"
                 f" {words.subject}, and the average {words.user} beside. Below: differences of the"
                 f" average {words.user}. Dashed: the reference, and no difference.",
                 height=2.0 * _LEVELS_HEIGHT,
@@ -221,20 +234,27 @@ def _draw_levels(ax: Axes, means: Sequence[ContrastRow], results: Results) -> No
     """Draw each subject's values over the levels, and the average user beside them."""
     first = means[0]
     quantity = results.data.quantities[first.parameter]
-    own = matching(results.levels, parameter=first.parameter, environment=None)
-    rows = matching(own, factor=first.factor)
+    chosen = matching(results.levels, parameter=first.parameter, environment=None)
+    rows = matching(chosen, factor=first.factor)
     raw = matching(results.contrast, parameter=first.parameter, factor=first.factor, of="level")
     # Values are in the unit of report.json, as its contrasts.
     scale = first.estimate / raw[0].estimate if raw[0].estimate else 1.0
     values = scale * np.array([row.values for row in rows], dtype=float)
-    for index, (name, members) in enumerate(_groups(own, rows[0], results).items()):
+    for index, (name, members) in enumerate(_groups(chosen, rows[0], results).items()):
         colour = _GROUP_COLOURS[index % len(_GROUP_COLOURS)]
         _draw_subjects(ax, values[:, members], name, colour, within=rows[0].within)
     levels = [row.level for row in rows]
     for row in means:
         place = levels.index(row.second) + _BESIDE[row.method]
         limits = [row.lower, row.upper]
-        draw_interval(ax, place, limits, row.estimate, row.method, upright=True)
+        draw_interval(
+            ax,
+            place,
+            limits,
+            row.estimate,
+            row.method,
+            upright=True,
+        )
     log = is_ratio(first)
     if log:
         log_scale(ax, "y", plain=True)
