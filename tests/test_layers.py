@@ -60,7 +60,7 @@ OUTSIDE = {
     "inference": {"numpy", "scipy", "emcee", "arviz_stats"},
     "results": {"numpy", "pydantic"},
     "boundary": {"numpy", "scipy"},
-    "study": {"numpy", "scipy", "pandas", "xarray", "h5netcdf", "h5py"},
+    "study": {"numpy", "scipy", "pandas", "xarray", "h5py"},
     "planning": {"numpy", "scipy"},
 }
 

@@ -14,9 +14,8 @@ import tomllib
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import h5netcdf
 import h5py
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +47,8 @@ _SLASH = "\N{DIVISION SLASH}"
 
 #: Entries of dimensions, by the name of the coordinate: its dimension, and texts.
 Labels = dict[str, tuple[str, Sequence[str]]]
+#: Axes of variables, by the name of their dimension.
+Axes = dict[str, list[tuple[h5py.Dataset, int]]]
 
 _NAMES = resources.files("percept.study").joinpath("posterior.toml")
 
@@ -70,7 +71,7 @@ def netcdf(fit: Fit, *, seed: int) -> bytes:
     """Collect draws and data in a netCDF file, one chain per ensemble.
 
     It is put together in memory: where HDF5 itself runs into a full disk, closing its file ends the
-    process. Written by xarray it takes four times as long: that imports dask and pint.
+    process. h5netcdf takes .2 s longer, which is a twentieth of a fit.
 
     Parameters
     ----------
@@ -88,12 +89,13 @@ def netcdf(fit: Fit, *, seed: int) -> bytes:
     """
     buffer = io.BytesIO()
     labels = _labels(fit)
-    with h5netcdf.File(buffer, "w") as file:
+    with h5py.File(buffer, "w") as file:
         for name, variables in _groups(fit, seed).items():
-            group = file.create_group(name)
+            group = file.create_group(name, track_order=True)
             group.attrs.update(_about(fit))
             # Draws from the prior are one chain.
             chains = 1 if name == "prior" else len(fit.run.points)
+            axes: Axes = {}
             for variable, (dimensions, draws) in variables.items():
                 along = [_without_slashes(dimension) for dimension in dimensions]
                 # The data are one draw of themselves.
@@ -101,38 +103,49 @@ def netcdf(fit: Fit, *, seed: int) -> bytes:
                 if name != "observed_data":
                     values = draws.reshape(chains, -1, *draws.shape[1:])
                     along = ["chain", "draw", *along]
-                _add_variable(group, variable, along, values, labels)
-            _add_labels(group, labels)
+                _add_variable(group, variable, along, values, labels, axes)
+            _add_labels(group, labels, axes)
     return buffer.getvalue()
 
 
 def _add_variable(
-    group: Any, name: str, dimensions: Sequence[str], values: Array, labels: Labels
+    group: h5py.Group,
+    name: str,
+    dimensions: Sequence[str],
+    values: Array,
+    labels: Labels,
+    axes: Axes,
 ) -> None:
-    """Add a variable to a group, and what it names of dimensions that the group does not have."""
-    for dimension, size in zip(dimensions, values.shape, strict=True):
-        group.dimensions.setdefault(dimension, size)
-    missing = values.dtype.type(np.nan)
-    variable = group.create_variable(
-        _without_slashes(name), dimensions, data=values, fillvalue=missing
-    )
+    """Add a variable to a group, and its axes to those of the group's dimensions."""
+    variable = group.create_dataset(_without_slashes(name), data=values)
+    variable.attrs["_FillValue"] = np.full(1, np.nan, values.dtype)
     variable.attrs.update(_attributes(name))
     further = [
         label for label, (along, _) in labels.items() if along in dimensions and along != label
     ]
     if further:
         variable.attrs["coordinates"] = " ".join(further)
+    for axis, dimension in enumerate(dimensions):
+        axes.setdefault(dimension, []).append((variable, axis))
 
 
-def _add_labels(group: Any, labels: Labels) -> None:
+def _add_labels(group: h5py.Group, labels: Labels, axes: Axes) -> None:
     """Label the entries of a group's dimensions: by texts, or by numbers."""
     for name, (dimension, texts) in labels.items():
-        if dimension in group.dimensions:
+        if dimension in axes:
             values = np.array(texts, dtype=h5py.string_dtype())
-            group.create_variable(name, (dimension,), data=values)
-    for dimension, known in group.dimensions.items():
-        if dimension not in group.variables:
-            group.create_variable(dimension, (dimension,), data=np.arange(known.size))
+            variable = group.create_dataset(name, data=values)
+            if name != dimension:
+                axes[dimension].append((variable, 0))
+    for dimension, along in axes.items():
+        if dimension not in group:
+            variable, axis = along[0]
+            group.create_dataset(dimension, data=np.arange(variable.shape[axis]))
+        scale = group[dimension]
+        # A dimension of netCDF is a scale of HDF5.
+        scale.make_scale(dimension)
+        for variable, axis in along:
+            variable.dims[axis].attach_scale(scale)
 
 
 def _groups(fit: Fit, seed: int) -> dict[str, Named]:

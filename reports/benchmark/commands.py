@@ -41,7 +41,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 #: Scenes by what each leaves out of the published study.
 SCENES = ("nothing", "coupling", "device", "one parameter", "all but one environment", "bayesian")
 #: Packages, of others and of ours, that some scene does without.
-_PACKAGES = ("emcee", "arviz_base", "arviz_stats", "xarray", "h5netcdf", "matplotlib.figure")
+_PACKAGES = ("emcee", "arviz_base", "arviz_stats", "xarray", "matplotlib.figure")
 
 
 _SCENE = """

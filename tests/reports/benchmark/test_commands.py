@@ -60,7 +60,7 @@ def is_empty(result):
     [
         pytest.param(
             "bayesian",
-            ["emcee", "arviz_base", "arviz_stats", "xarray", "h5netcdf"],
+            ["emcee", "arviz_base", "arviz_stats", "xarray"],
             marks=pytest.mark.evidence,
         ),
         pytest.param("one parameter", [], marks=pytest.mark.evidence),
