@@ -188,35 +188,28 @@ def test_log_ellipse_at_the_ends_and_by_broadcasting():
     np.testing.assert_array_equal(upper, [[np.inf, 5.0], [np.inf, np.inf]])
 
 
+@pytest.mark.parametrize("log", [False, True])
 @pytest.mark.parametrize("hold", ["average", "true"])
-def test_a_mass_of_the_environment_moves_every_curve(hold, ellipse_edge):
+def test_a_mass_of_the_environment_moves_every_curve(hold, log, ellipse_edge):
     """Against impedances of environments on the edge, one by one."""
     omega, mass = np.array([0.5, 20.0, 300.0]), 0.4
-    centre, shape = (
-        np.array([900.0, 3.0]),
-        np.array([[250.0, 4.0], [4.0, 0.2]]) * [[100, 1], [1, 1]],
-    )
+    loop = Loop(DEVICE, T, hold)
+    centre = np.array([900.0, 3.0])
+    shape = np.array([[25_000.0, 4.0], [4.0, 0.2]])
+    if log:
+        centre, shape = np.log(centre), shape / np.outer(centre, centre)
     edge = ellipse_edge(centre, shape, 1.5)
-    around = Environment(edge[0], edge[1], mass)
-    felt = np.abs(perceived_impedance(Loop(DEVICE, T, hold), omega[:, None], around))
-    lower, upper = magnitude_envelope_ellipse(
-        Loop(DEVICE, T, hold), omega, Ellipse(centre, shape, 1.5), mass=mass
-    )
+    around = Environment(*(np.exp(edge) if log else edge), mass)
+    felt = np.abs(perceived_impedance(loop, omega[:, None], around))
+    ellipse = Ellipse(centre, shape, 1.5, log=log)
+    lower, upper = magnitude_envelope_ellipse(loop, omega, ellipse, mass=mass)
     np.testing.assert_allclose(upper, felt.max(axis=1), rtol=1e-6)
     np.testing.assert_allclose(lower, felt.min(axis=1), rtol=1e-4)
-    small = shape / np.outer(centre, centre)
-    edge = np.exp(ellipse_edge(np.log(centre), small, 1.5))
-    felt = np.abs(
-        perceived_impedance(
-            Loop(DEVICE, T, hold), omega[:, None], Environment(edge[0], edge[1], mass)
-        )
-    )
-    lower, upper = magnitude_envelope_ellipse(
-        Loop(DEVICE, T, hold), omega, Ellipse(np.log(centre), small, 1.5, log=True), mass=mass
-    )
-    np.testing.assert_allclose(upper, felt.max(axis=1), rtol=1e-6)
-    np.testing.assert_allclose(lower, felt.min(axis=1), rtol=1e-4)
-    ends = corner_curves(Loop(DEVICE, T, hold), omega, (800, 1000), (2, 4), mass=mass)
+
+
+def test_corner_curves_are_those_of_both_corners():
+    omega, loop = np.array([0.5, 20.0, 300.0]), Loop(DEVICE, T)
+    ends = corner_curves(loop, omega, (800, 1000), (2, 4), mass=0.4)
     for curve, k, b in zip(ends, (800, 1000), (2, 4), strict=True):
-        felt = np.abs(perceived_impedance(Loop(DEVICE, T, hold), omega, Environment(k, b, mass)))
+        felt = np.abs(perceived_impedance(loop, omega, Environment(k, b, 0.4)))
         np.testing.assert_allclose(curve, felt, rtol=1e-12)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from percept import Study, haptics
-from percept.haptics import Loop, magnitude_envelope
+from percept import haptics
+from percept.haptics import Loop
 from percept.scene import FrequencyTable
 from percept.study.device import Setup, study_coupling
 from percept.study.rendering import study_rendering
-
-RANGE = (0.1, 100.0)  # rad/s
 
 
 @pytest.mark.parametrize("part", [0.999, 1.001])
@@ -48,32 +46,3 @@ def test_eq_10_is_undecided_beyond_a_measured_device_s_table() -> None:
     ):
         found = study_coupling(setup, [], "lognormal", FrequencyTable())
         assert found.eq10 == said
-
-
-def test_verdicts_of_envelopes_are_those_of_a_fine_grid(fitted: Study) -> None:
-    assert fitted.setup is not None
-    assert fitted.coupling is not None
-    setup, omega = fitted.setup, np.geomspace(0.1, 100.0, 20_000)
-    regions = {r.environment: r for r in fitted.regions if _of_user(r)}
-    verdicts = set()
-    for row in fitted.coupling.memberships:
-        assert _of_user(regions[row.environment])
-        limits = regions[row.environment].limits
-        assert limits is not None
-        lower, upper = magnitude_envelope(setup.loop, omega, *limits)
-        for coupled, name in ((False, "uncoupled"), (True, "coupled")):
-            shown = setup.curve(row.environment, omega, coupled=coupled)
-            seen = float(np.maximum(shown / upper, lower / shown).max()) - 1.0
-            assert getattr(row, f"departure_{name}") == pytest.approx(seen, rel=1e-3, abs=1e-6)
-            assert getattr(row, f"verdict_{name}") == ("outside" if seen > 0 else "inside")
-            verdicts.add(getattr(row, f"verdict_{name}"))
-    assert verdicts == {"inside", "outside"}
-
-
-def _of_user(one) -> bool:
-    return (one.method, one.kind, one.family, one.joint) == (
-        "bayesian",
-        "user",
-        "lognormal",
-        "marginal",
-    )

@@ -37,45 +37,6 @@ def test_classical_limits_print_as_the_published_table(name):
         assert rounded_like(ours["upper"], row.upper) == Decimal(row.upper)
 
 
-@pytest.fixture(scope="module")
-def classical():
-    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), hbfd_scene(method="classical"))
-
-
-def test_same_seed_same_bits_and_another_within_monte_carlo_error():
-    table = frame()
-    sessions = Sessions.from_frame(table[table.environment.isin(["VE2"])])
-    one, again, other = (
-        Study(sessions, hbfd_scene(tolerance=0.1, seed=seed)) for seed in (1, 1, 2)
-    )
-    pd.testing.assert_frame_equal(again.intervals, one.intervals, check_exact=True)
-    first, second = one.fit.run, other.fit.run
-    difference = first.estimates.value - second.estimates.value
-    error = np.hypot(first.errors, second.errors)
-    assert np.abs(difference / error).max() < 5.0
-    assert np.any(difference != 0)
-
-
-def test_corner_curves_are_equations_16_and_17(classical):
-    """Both lower limits together, both upper together, straight through Eqs 7, 8 and 13."""
-    rows = classical.intervals.query(
-        "environment == 'VE3' and kind == 'mean' and family == 'normal' and joint == 'marginal'"
-    ).set_index("parameter")
-    corner = next(
-        b
-        for b in classical.boundaries
-        if (b.environment, b.kind, b.method, b.family, b.joint, b.shape)
-        == ("VE3", "mean", "classical", "normal", "marginal", "corner")
-    )
-    z = np.exp(1j * corner.omega * 1e-3)
-    s = 2 / 1e-3 * (z - 1) / (z + 1)
-    hold = 0.5 * (z + 1) / z
-    for side in ("lower", "upper"):
-        k, b = rows.loc["k", side], rows.loc["b", side]
-        direct = np.abs((1.0 * s + 5.0) + hold * (b + k / s))
-        np.testing.assert_allclose(getattr(corner, side), direct, rtol=1e-9)
-
-
 def test_failed_gate_withholds_the_bayesian_numbers():
     study = Study(unmixed_sessions(), hbfd_scene(**UNMIXED), store=SHARED)
     assert set(study.intervals["method"]) == {"classical"}
