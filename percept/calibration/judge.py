@@ -16,7 +16,7 @@ from percept.haptics import Loop
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.model.priors import Priors
 from percept.scene import InferenceTable, Scene
-from percept.sessions import ReadOptions, Sessions
+from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.quantities import is_impedance
 from percept.simulate.model import (
     PARAMETERS,
@@ -155,7 +155,7 @@ def judge_study(plan: CoveragePlan, index: int) -> Held:
     -------
     Held
         One per kind of claim, averaged over environments and parameters. "withheld" or "refused"
-        comes first where the Bayesian method gives nothing.
+        comes first where a method gives nothing.
     """
     asked = plan.asked
     rng = np.random.default_rng(np.random.SeedSequence(asked.seed, spawn_key=(index,)))
@@ -164,15 +164,26 @@ def judge_study(plan: CoveragePlan, index: int) -> Held:
     if values is None:
         hyper = draw_hyperparameters(design, Priors(), rng)
         values = draw_environments(hyper, design, rng)
-    study = _simulated_study(values, design, rng, plan.scene, plan.users_family)
+    methods = ("classical", "bayesian") if asked.method == "both" else (asked.method,)
+    refused = {method: Labels("refused", method=method, family=asked.family) for method in methods}
+    try:
+        study = _simulated_study(values, design, rng, plan.scene, plan.users_family)
+    except (ReadError, RefusalError):
+        # A prior allows users who differ by hundreds of decades. No file may hold such values.
+        return dict.fromkeys(refused.values(), 1.0)
     judged: Held = {}
-    no_bayesian = "" if asked.method == "classical" else _why_no_bayesian(study)
-    if no_bayesian:
-        judged[Labels(no_bayesian, method="bayesian", family=asked.family)] = 1.0
-    if no_bayesian == "refused":
-        if asked.method == "bayesian":
-            return judged
-        study = Study(study.sessions, study.scene.with_inference(method="classical"))
+    if "bayesian" in methods:
+        try:
+            fit = study.fit
+        except RefusalError:
+            fit = None
+        if fit is None:
+            judged[refused["bayesian"]] = 1.0
+            if asked.method == "bayesian":
+                return judged
+            study = Study(study.sessions, study.scene.with_inference(method="classical"))
+        elif not fit.passed:
+            judged[Labels("withheld", method="bayesian", family=asked.family)] = 1.0
     held: dict[Labels, list[float]] = {}
     for labels, value in _claims(plan, study, _populations(plan, values), rng):
         held.setdefault(labels, []).append(value)
@@ -195,17 +206,6 @@ def _simulated_study(
     options = ReadOptions(quantities=scene.quantities, columns=columns)
     scene = scene.with_inference(seed=int(rng.integers(1 << 31)))
     return Study(Sessions.from_frame(table, scene=options), scene)
-
-
-def _why_no_bayesian(study: Study) -> str:
-    """Say whether Bayesian intervals are "refused" or "withheld"; nothing where they are given."""
-    try:
-        fit = study.fit
-    except RefusalError:
-        return "refused"
-    if fit is None:
-        return "refused"
-    return "" if fit.run.gate.passed else "withheld"
 
 
 def _populations(plan: CoveragePlan, values: TrueValues) -> dict[str, Population]:

@@ -150,6 +150,8 @@ class ReadError(UsageError):
         vars(self).update(vars(problems[0]))
         self.problems = tuple(problems)
         self.total = total
+        # Pickle makes an error again from these: it comes back from a process of its own.
+        self.args = (problems, total)
 
     def __str__(self) -> str:
         if self.total == 1:

@@ -219,6 +219,15 @@ def test_normal_users_below_zero_are_refused_by_a_lognormal_model_and_said_so() 
     assert "| refused |" in table
 
 
+@pytest.mark.parametrize("spread", [300.0, 1e4], ids=["beyond any file", "beyond doubles"])
+def test_studies_that_no_file_may_hold_are_refused_and_counted(spread: float) -> None:
+    values = fixed_values(spread=spread, environments=3)
+    rows = coverage(planned(method="both", values=values), 2)
+    assert rows["claim"].tolist() == ["refused", "refused"]
+    assert rows["method"].tolist() == ["classical", "bayesian"]
+    assert rows["held"].tolist() == [1.0, 1.0]
+
+
 def durations(**changes: object) -> Study:
     """Six subjects reproduce three durations twice."""
     rng = np.random.default_rng(5)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
 from percept.errors import UsageError
@@ -330,6 +332,9 @@ def test_problems_are_reported_together_by_kind(tmp_path):
     error = refusal(tmp_path, BOTH + "".join(f"1,a,10,1,{t},x,1\n" for t in range(1499)))
     assert (len(error.problems), error.total) == (1000, 1499)
     assert "column 'k_adj', rows 5 to 1001: 997 more of this kind" in str(error)
+    # As a worker's process sends it back.
+    again = pickle.loads(pickle.dumps(error))
+    assert (str(again), again.row, again.total) == (str(error), error.row, 1499)
 
 
 def test_many_repeats_are_one_problem(tmp_path):
