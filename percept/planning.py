@@ -20,8 +20,8 @@ from scipy import special
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.classical.fiducial import noncentral_t_tail, tost_power
+from percept.inference.classical.intervals import factor_of_tails
 from percept.inference.classical.moments import check_option, tail_of
-from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.record import Family, Kind, percent
 
 __all__ = [

@@ -31,8 +31,10 @@ ALLOWED = {
     "cache": {"inference", "files", "errors"},
     "workers": {"cache", "errors"},
     "planning": {"inference", "html", "errors"},
-    "simulate": {"sessions", "inference", "files", "errors"},
-    "calibration": _ANALYSIS | {"simulate", "checkpoint", "workers", "provenance"},
+    "simulate": {"inference", "errors"},
+    "published": {"simulate", "sessions", "inference", "files", "errors"},
+    "judge": _ANALYSIS | {"simulate", "checkpoint"},
+    "calibration": _ANALYSIS | {"judge", "simulate", "checkpoint", "workers", "provenance"},
     "checkpoint": {"files", "workers", "errors"},
     "batch": {
         "study",

@@ -74,8 +74,8 @@ def _write_new(path: str, text: str) -> None:
 
 def _simulate(arguments: argparse.Namespace) -> None:
     """Simulate and write; prints the path."""
+    from percept.published import simulate_like, write_sessions
     from percept.sessions import read_sessions
-    from percept.simulate.like import simulate_like, write_sessions
 
     _, options = read_scene(arguments)
     with Working("simulating", shown=True):

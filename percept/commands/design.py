@@ -23,7 +23,7 @@ from percept.commands.analysis import (
 from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
-    from percept.calibration.judge import CoveragePlan, Method
+    from percept.judge import CoveragePlan, Method
     from percept.planning import ContrastPlan, EquivalencePlan, Plan
     from percept.results import Verdict
 
@@ -208,7 +208,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     """Write DIR/coverage.md and coverage.csv; an interrupted run goes on from judged.jsonl."""
     import pandas as pd
 
-    from percept.calibration.coverage import coverage, coverage_markdown
+    from percept.calibration import coverage, coverage_markdown
     from percept.provenance import made_by
 
     out = Path(arguments.out)
@@ -241,7 +241,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
 def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
     """Plan studies for each method, number of subjects and distribution of users."""
-    from percept.calibration.coverage import fitted_values, plan_like, refuse_unfit
+    from percept.calibration import fitted_values, plan_like, refuse_unfit
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from percept.inference.classical.intervals import (
     prediction_interval,
     t_interval,
+    tolerance_factor,
     tolerance_interval,
 )
-from percept.inference.classical.moments import Moments
-from percept.inference.classical.tolerance import tolerance_factor
-from percept.inference.classical.trials import check_normality
+from percept.inference.classical.moments import Moments, check_normality
 from percept.inference.record import Interval
 
 __all__ = [

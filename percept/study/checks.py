@@ -8,7 +8,8 @@ import numpy as np
 
 from percept.boundary.shares import Users
 from percept.errors import RefusalError
-from percept.inference.checks.predictive import (
+from percept.inference.left_out import SubjectDensity
+from percept.inference.predictive import (
     STATISTICS,
     Loo,
     Predicted,
@@ -19,7 +20,6 @@ from percept.inference.checks.predictive import (
     smoothed_subjects,
     statistics_of,
 )
-from percept.inference.checks.subjects import SubjectDensity
 from percept.results import (
     CellOutlier,
     Checks,

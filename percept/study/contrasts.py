@@ -17,8 +17,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from percept.errors import RefusalError
-from percept.inference.classical.anova import Effect, anova
 from percept.inference.classical.contrasts import (
+    Effect,
+    anova,
     group_contrast,
     group_spread_ratio,
     paired_contrast,

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept import results
 from percept.errors import PerceptError, RefusalError
-from percept.inference.classical.moments import Moments
-from percept.inference.classical.trials import check_normality, subject_means
+from percept.inference.classical.moments import Moments, check_normality, subject_means
 from percept.inference.record import Family
 from percept.results import (
     CellValues,
@@ -175,7 +174,7 @@ class Data:
         Of trials with all of P parameters; RefusalError where a value has no logarithm.
         """
         subjects, adjusted = self.adjusted(environment, parameters)
-        columns = [subject_means(values, subjects, family=family).values for values in adjusted.T]
+        columns = [subject_means(values, subjects, family=family) for values in adjusted.T]
         return np.stack(columns, axis=1)
 
     def adjusted(self, environment: str, parameters: tuple[str, ...]) -> tuple[_Names, Array]:
@@ -230,7 +229,9 @@ def _moments_of_subjects(subjects: _Names, adjusted: Array, family: Family) -> M
         return "it has fewer than two subjects"
     if family == "lognormal" and np.any(adjusted <= 0):
         return "a value is zero or negative"
-    return subject_means(adjusted[:, 0], subjects, family=family).moments()
+    means = subject_means(adjusted[:, 0], subjects, family=family)
+    repeats = len(subjects) > len(means)
+    return Moments.from_values(means, log=family == "lognormal", repeats=repeats)
 
 
 def _published_moments(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
@@ -313,7 +314,7 @@ def _design(sessions: Sessions) -> DesignCounts:
 def _values(data: Data, environment: str, parameter: str) -> CellValues:
     """Say what was adjusted in one cell, on no scale: subjects' means, their mean and SD."""
     subjects, adjusted = data.adjusted(environment, (parameter,))
-    values = subject_means(adjusted[:, 0], subjects).values.tolist() if len(subjects) else []
+    values = subject_means(adjusted[:, 0], subjects).tolist() if len(subjects) else []
     moments = Moments.from_values(values) if len(values) > 1 else None
     return CellValues(
         environment=environment,

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.left_out import SubjectDensity
 from percept.inference.model.laws import Moments
 from percept.inference.model.limits import Combinations, Limits, limits_of
 from percept.inference.model.model import Model

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from percept.sessions import read_sessions
-from percept.simulate.model import Design, Hyperparameters, draw_environments, draw_responses
+from percept.simulate import Design, Hyperparameters, draw_environments, draw_responses
 from reports import dataset
 from reports.studies import Observed
 

@@ -30,7 +30,7 @@ from percept.inference.classical.fiducial import central_range_confidence
 from percept.inference.classical.moments import Moments
 from percept.inference.model.priors import Priors
 from percept.sessions import ReadOptions
-from percept.simulate.model import Design, draw_environments, draw_hyperparameters, simulate
+from percept.simulate import Design, draw_environments, draw_hyperparameters, simulate
 from reports.page import Page, store
 
 Array = NDArray[np.float64]

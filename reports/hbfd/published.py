@@ -23,9 +23,9 @@ from percept.haptics import (
 )
 from percept.haptics.rendering import needed_damping
 from percept.inference import prediction_interval
+from percept.published import PublishedLimits
 from percept.scene import Scene
 from percept.sessions import read_sessions
-from percept.simulate.like import PublishedLimits
 from reports import dataset
 
 Array = NDArray[np.float64]

@@ -12,14 +12,14 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.calibration.coverage import (
+from percept.calibration import (
     averaged,
     coverage,
     coverage_markdown,
     fitted_values,
     plan_like,
 )
-from percept.calibration.judge import (
+from percept.judge import (
     CoveragePlan,
     Held,
     Labels,
@@ -28,7 +28,7 @@ from percept.calibration.judge import (
     judge_study,
 )
 from percept.sessions import ReadOptions, Sessions
-from percept.simulate.model import Design, Hyperparameters, TrueValues
+from percept.simulate import Design, Hyperparameters, TrueValues
 from percept.workers import on_cluster
 from tests import DATASETS, LONG
 from tests.fits import SHARED

@@ -13,8 +13,8 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study, read_sessions
+from percept.published import BETWEEN, CORRELATION, simulate_like, write_sessions
 from percept.sessions import ReadOptions
-from percept.simulate.like import BETWEEN, CORRELATION, simulate_like, write_sessions
 from tests import DATASETS
 from tests.documents import build_document, page_of
 from tests.simulate.conftest import correlations, printed_limits

@@ -16,8 +16,7 @@ from numpy.testing import assert_allclose
 from percept import read_sessions
 from percept.cli import main
 from percept.errors import RefusalError, UsageError
-from percept.sessions import Sessions
-from percept.simulate.like import (
+from percept.published import (
     BETWEEN,
     CORRELATION,
     PublishedLimits,
@@ -25,6 +24,7 @@ from percept.simulate.like import (
     simulate_like,
     write_sessions,
 )
+from percept.sessions import Sessions
 from tests import DATASETS
 from tests.simulate.conftest import correlations, printed_limits
 

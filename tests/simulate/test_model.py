@@ -11,7 +11,7 @@ from scipy import stats
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.model.priors import Priors
-from percept.simulate.model import (
+from percept.simulate import (
     Design,
     Hyperparameters,
     TrueValues,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from percept import Scene, Study
-from percept.simulate.model import Design, Hyperparameters, draw_environments, simulate
+from percept.simulate import Design, Hyperparameters, draw_environments, simulate
 from tests.fits import SHARED
 
 REFERENCES = {"k": [100.0, 1e3, 1e4], "b": [1.0, 5.0, 25.0]}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.inference.classical.anova import anova
+from percept.inference.classical.contrasts import anova
 from percept.results import AnovaRow
 from tests.documents import build_document, page_of
 from tests.study.within import crossed, frame, reasons, study

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray
 
-from percept.inference.checks.predictive import leave_one_out
+from percept.inference.predictive import leave_one_out
 from percept.study.posterior import variables_of_posterior
 from tests.study.within import frame, study
 

@@ -1,4 +1,4 @@
-"""Samples: what is accepted as one, and its mean and standard deviation (Eq. 14)."""
+"""Samples: what is accepted as one, its mean and SD (Eq. 14), and whether it looks normal."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from scipy import special
 
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.record import FloatOrArray
+from percept.inference.record import Family, FloatOrArray
 
 __all__ = [
     "Moments",
+    "Normality",
+    "check_normality",
     "check_option",
     "finite_values",
     "fitted",
@@ -24,13 +26,15 @@ __all__ = [
     "plain",
     "sample",
     "subject_counts",
+    "subject_means",
     "tail_of",
     "tails",
 ]
 
 Array = NDArray[np.float64]
 
-_MOST_SUBJECTS = 2.0**53  # whole numbers above this are not told apart by doubles
+#: Beyond, the published approximation of the normality test's p-value is not valid.
+_SHAPIRO_MOST = 5000
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +215,32 @@ class Moments(NotebookRecord):
         )
 
 
+def subject_means(
+    values: ArrayLike,
+    subjects: ArrayLike,
+    *,
+    family: Family = "normal",
+) -> Array:
+    """Average each subject's trials, shapes (trials,), on the scale of a family.
+
+    Subjects come in the order in which they first appear.
+    """
+    check_option("family", family, ("normal", "lognormal"))
+    log = family == "lognormal"
+    trials = finite_values(values, positive=log)
+    names = np.asarray(subjects)
+    if trials.ndim != 1 or names.shape != trials.shape:
+        raise UsageError(
+            f"One subject per trial is needed; the shapes are {trials.shape} and {names.shape}."
+        )
+    responses = np.log(trials) if log else trials
+    by_subject: dict[Any, list[float]] = {}
+    for name, response in zip(names.tolist(), responses.tolist(), strict=True):
+        by_subject.setdefault(name, []).append(response)
+    means = np.array([statistics.mean(own) for own in by_subject.values()])
+    return np.exp(means) if log else means
+
+
 def mean_and_sd(samples: Array) -> tuple[Array, Array]:
     """Mean and SD along the last axis, each rounded once; one value has SD 0.
 
@@ -312,12 +342,9 @@ def sample(
 def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
     """Return numbers of subjects as integers."""
     counts = finite_values(n, name="numbers of subjects")
-    bad = (counts != np.rint(counts)) | (counts > _MOST_SUBJECTS)
-    if bad.any():
-        raise UsageError(
-            "A number of subjects must be whole, and one that a double holds.",
-            value=float(counts[bad].flat[0]),
-        )
+    broken = counts[counts != np.rint(counts)]
+    if broken.size:
+        raise UsageError("A number of subjects must be whole.", value=float(broken[0]))
     if (counts < 2).any():
         raise RefusalError(
             f"At least 2 subjects are needed; there is {int(counts.min())}.", hint="Add subjects."
@@ -370,3 +397,57 @@ def _log_ratios(values: Array, first: Array) -> Array:
     nothing = np.zeros_like(values)
     relative = np.divide(values - first, first, out=nothing, where=near)
     return np.where(near, np.log1p(relative), np.log(values) - np.log(first))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Normality(NotebookRecord):
+    """Shapiro–Wilk test on the scale of a family."""
+
+    statistic: float  # W; 1 for a perfect fit
+    p_value: float  # Small where the family fits badly; with ten subjects only gross misfit shows
+    family: Family  # Whether the values were tested, or their logarithms
+    n: int  # Subjects
+
+
+def check_normality(x: ArrayLike, *, family: Family = "normal") -> Normality:
+    """Test whether the values (or their logarithms) look normal, by Shapiro and Wilk.
+
+    Parameters
+    ----------
+    x : array_like
+        Shape (n,): one value per subject, n from 3 to 5000.
+    family : {"normal", "lognormal"}
+        Test the values, or their logarithms.
+
+    Returns
+    -------
+    Normality
+        With statistic (W) and p_value: for information, never a switch of method.
+
+    Raises
+    ------
+    UsageError
+        Unfit values, more than one sample, an unknown family.
+    RefusalError
+        Fewer than 3 or more than 5000 subjects, no scatter, zero or negative values under
+        ``"lognormal"``.
+    """
+    check_option("family", family, ("normal", "lognormal"))
+    y = sample(x, positive=family == "lognormal", least=3)
+    if y.ndim != 1:
+        raise UsageError(f"One sample at a time; the values have shape {y.shape}.")
+    if y.size > _SHAPIRO_MOST:
+        raise RefusalError(
+            f"The p-value of the Shapiro–Wilk test is known up to n = {_SHAPIRO_MOST}; here n ="
+            f" {y.size}.",
+            hint="With that many, look at a plot of quantiles.",
+        )
+    if np.ptp(y) == 0.0:
+        raise RefusalError("All subjects gave the same value: there is no distribution to test.")
+    from scipy import stats  # slow to import, and needed here only
+
+    y = np.log(y) if family == "lognormal" else y
+    # The statistic does not depend on location and scale; far from zero its arithmetic would.
+    centred = y - y[0]
+    statistic, p_value = stats.shapiro(centred / np.abs(centred).max())
+    return Normality(statistic=float(statistic), p_value=float(p_value), family=family, n=y.size)

@@ -24,8 +24,7 @@ from percept.inference.sampling.gate import (
     measure,
     pass_gate,
 )
-from percept.inference.sampling.moves import Ensembles
-from percept.inference.sampling.target import Transported
+from percept.inference.sampling.moves import Ensembles, Transported
 
 __all__ = ["Chain", "Memory", "Task"]
 

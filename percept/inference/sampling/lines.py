@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 
 from percept.inference.sampling.endpoints import batch_errors
 from percept.inference.sampling.gate import Run
-from percept.inference.sampling.target import Target
+from percept.inference.sampling.moves import Target
 
 __all__ = ["LineLimits", "line_limits"]
 

@@ -1,4 +1,4 @@
-"""Ensembles of walkers that advance side by side, and the moves they make.
+"""A log density to sample, and ensembles of walkers that advance on it side by side.
 
 emcee carries the walkers of all ensembles in one sampler, so that one call evaluates the density
 for all of them. Walkers live in the coordinates of a transport, where the target resembles the
@@ -15,15 +15,26 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.target import Target
+from percept.errors import RefusalError
 
-__all__ = ["Ensembles", "IndependentMove", "PCNMove", "ReferenceLaw", "standard_moves"]
+__all__ = [
+    "Ensembles",
+    "IndependentMove",
+    "PCNMove",
+    "ReferenceLaw",
+    "Target",
+    "Transported",
+    "describe_point",
+    "standard_moves",
+]
 
 Array = NDArray[np.float64]
 
@@ -35,6 +46,59 @@ _FEWEST_DF = 20.0
 _INDEPENDENT = 0.6
 #: Steps whose independent draws are weighed in one density call.
 _AHEAD = 4
+#: Coordinates that a message names.
+_MOST_NAMED = 4
+
+
+class Target(Protocol):
+    """A log density to sample."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of points (W, d), shape (W,); -inf allowed, NaN not."""
+
+
+def describe_point(names: list[str], point: Array) -> str:
+    """Write out the four coordinates farthest from zero, in order."""
+    by_size = np.argsort(-np.abs(point))
+    extreme = sorted(by_size[:_MOST_NAMED].tolist())
+    return ", ".join(f"{names[i]} = {point[i]:.6g}" for i in extreme)
+
+
+class Transported:
+    """A target in the coordinates of a map, whose values are never NaN.
+
+    The map takes points (N, d) to the target's coordinates. It returns them with log abs det of the
+    Jacobian, shape (N,).
+    """
+
+    def __init__(self, target: Target, transport: Callable[[Array], tuple[Array, Array]]) -> None:
+        self._target = target
+        self._transport = transport
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the target's coordinates."""
+        return self._target.names
+
+    def map(self, z: Array) -> Array:
+        """Take points to the target's coordinates."""
+        points, _ = self._transport(z)
+        return points
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of points (W, d) of the map's coordinates, shape (W,)."""
+        mapped, log_jacobian = self._transport(points)
+        values = self._target(mapped)
+        invalid = np.isnan(values)
+        if invalid.any():
+            first = int(np.argmax(invalid))
+            where = describe_point(self.names, mapped[first])
+            raise RefusalError(f"the log density is NaN at {where}.")
+        return values + log_jacobian
 
 
 class ReferenceLaw:

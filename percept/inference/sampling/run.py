@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from percept.inference.sampling.chain import Chain, Memory, Task
 from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
-from percept.inference.sampling.target import Target, Transported
+from percept.inference.sampling.moves import Target, Transported
 from percept.inference.sampling.transport import Transport
 from percept.inference.sampling.warmup import starting_points, warm_up
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.left_out import SubjectDensity
 from percept.inference.model.model import LinearModel, plain_model
 from percept.inference.model.statistics import from_trials
 

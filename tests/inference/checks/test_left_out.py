@@ -5,13 +5,13 @@ import pytest
 from scipy import stats
 
 from percept.errors import UsageError
-from percept.inference.checks.predictive import (
+from percept.inference.model.subjects import subject_laws
+from percept.inference.predictive import (
     intervals_left_out,
     leave_one_out,
     predict_left_out,
     smoothed_subjects,
 )
-from percept.inference.model.subjects import subject_laws
 from tests.inference.checks import small
 
 RESPONSE = np.array([0.12, -0.05, 0.2, 0.31, 0.02, -0.11, 0.17, 0.26])

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.inference.checks.predictive import (
+from percept.inference.left_out import SubjectDensity
+from percept.inference.model.model import plain_model
+from percept.inference.model.predictions import draw_prior
+from percept.inference.predictive import (
     new_studies,
     statistics_of,
 )
-from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.model.model import plain_model
-from percept.inference.model.predictions import draw_prior
 from tests.inference.checks.test_subjects import averages, opened
 from tests.inference.model.designs import OTHER, made
 from tests.inference.model.test_statistics import reduce

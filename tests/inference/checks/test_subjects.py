@@ -5,12 +5,12 @@ import pytest
 from scipy import stats
 
 from percept.errors import RefusalError
-from percept.inference.checks.predictive import leave_one_out
-from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.left_out import SubjectDensity
 from percept.inference.model.design import Options
 from percept.inference.model.model import plain_model
 from percept.inference.model.statistics import from_trials
 from percept.inference.model.subjects import subject_laws
+from percept.inference.predictive import leave_one_out
 from tests.inference.model.designs import made
 
 DESIGNS = [

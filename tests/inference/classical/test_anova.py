@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError
-from percept.inference.classical.anova import anova
+from percept.inference.classical.contrasts import anova
 
 #: Accuracy of six people, two ways of calibration and four shapes of dials: ibid., table 7.7.
 DIALS = [[0, 0, 5, 3], [3, 1, 5, 4], [4, 3, 6, 2], [4, 2, 7, 8], [5, 4, 6, 6], [7, 5, 8, 9]]

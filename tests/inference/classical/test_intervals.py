@@ -15,7 +15,7 @@ from percept.inference import (
     t_interval,
     tolerance_interval,
 )
-from percept.inference.classical.tolerance import factor_of_tails
+from percept.inference.classical.intervals import factor_of_tails
 
 KINDS = (t_interval, prediction_interval, tolerance_interval)
 X = np.random.default_rng(10).lognormal(2.0, 0.3, 10)

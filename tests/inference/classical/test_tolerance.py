@@ -6,7 +6,7 @@ import pytest
 
 from percept.errors import RefusalError, UsageError
 from percept.inference import tolerance_factor
-from percept.inference.classical.tolerance import factor_of_tails
+from percept.inference.classical.intervals import factor_of_tails
 from tests import LONG
 
 from . import oracles

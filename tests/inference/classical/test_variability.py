@@ -9,7 +9,6 @@ import pytest
 from scipy import stats
 
 from percept.errors import RefusalError
-from percept.inference.classical.trials import subject_means
 from percept.inference.classical.variability import (
     component_sd,
     correlation,
@@ -55,9 +54,10 @@ def test_an_sd_is_bounded_by_chi_square_as_scipy_has_it():
 def test_unequal_counts_of_trials_have_an_effective_number():
     values = np.array([1.0, 2.0, 4.0, 4.5, 5.0, 9.0])
     who = np.array(["a", "a", "b", "b", "b", "c"])
-    found = subject_means(values, who)
-    squares = trial_mean_squares(found.values, np.array([2.0, 3.0, 1.0]), found.trial_sd)
     groups = [values[who == name] for name in "abc"]
+    means = np.array([group.mean() for group in groups])
+    within = sum(np.square(group - group.mean()).sum() for group in groups) / 3
+    squares = trial_mean_squares(means, np.array([2.0, 3.0, 1.0]), np.sqrt(within))
     assert squares.ratio == pytest.approx(stats.f_oneway(*groups).statistic, rel=1e-12)
     assert squares.k == pytest.approx((6 - 14 / 6) / 2)
     assert squares.error_df == 3

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from percept.inference.sampling.moves import ReferenceLaw
-from percept.inference.sampling.target import Affine, Transported
+from percept.inference.sampling.moves import ReferenceLaw, Transported
 from percept.inference.sampling.transport import Transport
+from percept.inference.sampling.warmup import Affine
 from tests.inference.sampling.targets import Normal
 
 

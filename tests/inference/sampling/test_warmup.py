@@ -5,7 +5,8 @@ import pytest
 
 from percept.errors import RefusalError
 from percept.inference.sampling import warmup
-from percept.inference.sampling.target import Affine, Transported, find_mode
+from percept.inference.sampling.moves import Transported
+from percept.inference.sampling.warmup import Affine, find_mode
 from tests.inference.sampling.targets import Normal
 
 

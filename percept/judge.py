@@ -18,7 +18,7 @@ from percept.inference.model.priors import Priors
 from percept.scene import InferenceTable, Scene
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.quantities import is_impedance
-from percept.simulate.model import (
+from percept.simulate import (
     PARAMETERS,
     Design,
     TrueValues,

@@ -19,7 +19,7 @@ from percept.errors import RefusalError, UsageError
 from percept.files import write_whole
 from percept.inference import Moments
 from percept.sessions import Sessions
-from percept.simulate.model import SOURCE, Design, correlated_normal, session_table
+from percept.simulate import SOURCE, Design, correlated_normal, session_table
 
 #: Correlation of one parameter in two environments.
 BETWEEN = 0.4

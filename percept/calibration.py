@@ -13,13 +13,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from percept.calibration.judge import CoveragePlan, Family, Held, Labels, Method, judge_study
 from percept.checkpoint import Checkpoint, Line
 from percept.errors import RefusalError, UsageError
+from percept.judge import CoveragePlan, Family, Held, Labels, Method, judge_study
 from percept.provenance import markdown_table
 from percept.scene import Scene
 from percept.sessions.quantities import is_impedance
-from percept.simulate.model import Design, Hyperparameters, TrueValues
+from percept.simulate import Design, Hyperparameters, TrueValues
 from percept.study import Study
 from percept.study.responses import refuse_no_ratio
 from percept.workers import Mapper, in_process

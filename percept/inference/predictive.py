@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.left_out import SubjectDensity
 from percept.inference.model.subjects import SubjectLaws
 
 __all__ = [

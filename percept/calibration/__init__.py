@@ -1,1 +1,0 @@
-"""Calibration: what intervals and boundaries really cover, by simulating studies and refitting."""
