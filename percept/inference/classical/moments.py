@@ -265,11 +265,7 @@ def plain(values: Array) -> FloatOrArray:
     return float(values) if values.ndim == 0 else values
 
 
-def check_option(
-    name: str,
-    value: str,
-    options: tuple[str, ...],
-) -> None:
+def check_option(name: str, value: str, options: tuple[str, ...]) -> None:
     """Refuse a value that is not one of the options."""
     if value not in options:
         named = ", ".join(f'"{option}"' for option in options)
@@ -320,12 +316,7 @@ def finite_values(
     return doubles
 
 
-def sample(
-    values: ArrayLike,
-    *,
-    positive: bool = False,
-    least: int = 2,
-) -> Array:
+def sample(values: ArrayLike, *, positive: bool = False, least: int = 2) -> Array:
     """Return samples whose subjects, `least` or more, run along the last axis."""
     doubles = finite_values(values, positive=positive)
     if doubles.ndim == 0:

@@ -81,7 +81,10 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """Monotone cubic pieces between evenly spaced knots, one function per coordinate."""
+    """Monotone cubic pieces between evenly spaced knots, one function per coordinate.
+
+    It takes the normal quantiles at its knots to the quantiles of a sample.
+    """
 
     coefficients: Array  # (d, pieces, 4) Of 1, t, t², t³ on every piece, t in [0, 1]
 
@@ -173,13 +176,11 @@ class Transport:
         log_scale = np.zeros_like(mean)
         for k, i in enumerate(drivers):
             before = 2 * k + 1  # Features of the drivers before this one
-            follower = _regress(features[:, :before], y[:, [i]], effective)
-            mean[i, :before] = follower.mean[0]
-            log_scale[i, :before] = follower.log_scale[0]
-        followers = _regress(features, y[:, others], effective)
-        mean[others] = followers.mean
-        log_scale[others] = followers.log_scale
-        factor = _factor(followers.remainder, effective)
+            mean[i, :before], log_scale[i, :before], _ = _regress(
+                features[:, :before], y[:, [i]], effective
+            )
+        mean[others], log_scale[others], remainder = _regress(features, y[:, others], effective)
+        factor = _factor(remainder, effective)
         spline = Spline.fit(points, effective)
         return cls(drivers, others, mean, log_scale, factor, spline)
 
@@ -305,96 +306,53 @@ def _find_drivers(y: Array, effective: float) -> Indices:
     return np.array(chosen, dtype=np.intp)
 
 
-@dataclass(frozen=True, eq=False)
-class _Regression:
-    """How C columns follow F features."""
+def _regress(features: Array, y: Array, effective: float) -> tuple[Array, Array, Array]:
+    """Regress columns y (N, C) on features (N, F), F odd.
 
-    mean: Array  # (C, F) Coefficients of the means; those that are not significant are zero
-    log_scale: Array  # (C, F) Coefficients of the log spreads, likewise
-    remainder: Array  # (N, C) What is left, in spreads
-
-
-def _regress(features: Array, y: Array, effective: float) -> _Regression:
-    """Regress the mean and log spread of columns y (N, C) on features (N, F), F odd."""
+    Returns the coefficients of their means and of their log spreads, (C, F), zero where they are
+    not significant; and what is left of the columns in spreads, (N, C).
+    """
+    # Standard errors that count, of draws that depend on one another.
+    significant = _SIGNIFICANT * np.sqrt(len(y) / effective)
     gram = features.T @ features
-    # Errors of dependent draws over errors of as many independent ones.
-    error_ratio = np.sqrt(len(y) / effective)
-    mean = _regress_mean(features, gram, y, error_ratio)
-    residual = y - features @ mean
-    # Log spreads follow the drivers and not their squares.
-    linear = np.r_[0, 1 : features.shape[1] : 2]
-    drivers = np.ascontiguousarray(features[:, linear])
-    information = 2.0 * gram[np.ix_(linear, linear)]  # See `_fit_log_scale`
-    log_scale = np.zeros_like(mean)
-    log_scale[0] = np.log(residual.std(axis=0))
-    standard = residual * np.exp(-log_scale[0])
-    kept = _widened(drivers, standard, error_ratio)
-    is_constant = kept.sum(axis=0) == 1
-    widened = np.flatnonzero(~is_constant)
-    if widened.size:
-        columns = residual[:, widened]
-        fitted = _fit_log_scale(
-            drivers, information, columns, log_scale[0, widened], kept[:, widened]
-        )
-        log_scale[np.ix_(linear, widened)] = fitted
-        residual[:, widened] = columns * np.exp(-drivers @ fitted)
-    residual[:, is_constant] *= np.exp(-log_scale[0, is_constant])
-    return _Regression(mean.T, log_scale.T, residual)
-
-
-def _regress_mean(
-    features: Array,
-    gram: Array,
-    y: Array,
-    error_ratio: float,
-) -> Array:
-    """Coefficients (F, C) of the columns' means on features; only significant ones are fitted."""
     right = features.T @ y
     coefficients = np.linalg.solve(gram, right)
     residual_sd = (y - features @ coefficients).std(axis=0)
     unit_variance = np.diag(np.linalg.inv(gram))
     error = residual_sd * np.sqrt(unit_variance)[:, None]
-    kept = np.abs(coefficients) > _SIGNIFICANT * error_ratio * error
+    kept = np.abs(coefficients) > significant * error
     kept[0] = True
-    return _solve_kept(gram, right, kept)
+    mean = _solve_kept(gram, right, kept)
+    residual = y - features @ mean
+    # Log spreads follow the drivers and not their squares.
+    linear = np.r_[0, 1 : features.shape[1] : 2]
+    drivers = np.ascontiguousarray(features[:, linear])
+    log_scale = np.zeros_like(mean)
+    log_scale[linear] = _fit_log_scale(drivers, residual, significant)
+    remainder = residual * np.exp(-drivers @ log_scale[linear])
+    return mean.T, log_scale.T, remainder
 
 
-def _widened(
-    drivers: Array,
-    standard: Array,
-    error_ratio: float,
-) -> NDArray[np.bool_]:
-    """Say which drivers (1, then K) widen which columns (N, C) of unit spread.
+def _fit_log_scale(drivers: Array, residual: Array, significant: float) -> Array:
+    """Fit the coefficients c of log spreads of columns (N, C) on drivers: 1, and K more (N, K + 1).
 
-    Driver x widens column e if |sum of x (e² - 1)| exceeds its noise, whose variance is
-    N E[x²] Var(e²) if x and e are independent.
-    """
-    square = standard**2
-    driver_square = (drivers**2).mean(axis=0)[:, None]
-    variance = len(drivers) * square.var(axis=0) * driver_square
-    noise = np.sqrt(variance)
-    effect = np.abs(drivers.T @ (square - 1.0))
-    widens = effect > _SIGNIFICANT * error_ratio * noise
-    widens[0] = True
-    return np.asarray(widens)
-
-
-def _fit_log_scale(
-    drivers: Array,
-    information: Array,
-    residual: Array,
-    start: Array,
-    kept: NDArray[np.bool_],
-) -> Array:
-    """Fit the coefficients c of log spreads of columns (N, C) by scoring, from constants (C,).
+    Driver x widens column e, of unit spread, if |sum of x (e² - 1)| exceeds its noise. That has the
+    variance N E[x²] Var(e²) if x and e are independent. Other coefficients are zero.
 
     A residual e at drivers x is normal with log spread x·c: its log density is -x·c - q/2 with
     q = e² exp(-2 x·c). The gradient in c is the sum of x (q - 1). The expected information is twice
     the sum of x xᵀ, as E[q] = 1. Scoring is Newton's method with that expectation in place of the
     Hessian: each step is information⁻¹ gradient.
     """
+    sd = residual.std(axis=0)
+    square = (residual / sd) ** 2
+    driver_square = (drivers**2).mean(axis=0)[:, None]
+    noise = np.sqrt(len(drivers) * square.var(axis=0) * driver_square)
+    kept = np.abs(drivers.T @ (square - 1.0)) > significant * noise
+    kept[0] = True
     coefficients = np.zeros(kept.shape)
-    coefficients[0] = start
+    coefficients[0] = np.log(sd)
+    information = 2.0 * drivers.T @ drivers
     for _ in range(_LOG_SCALE_STEPS):
         square = (residual * np.exp(-drivers @ coefficients)) ** 2
         step = _solve_kept(information, drivers.T @ (square - 1.0), kept)

@@ -24,11 +24,12 @@ from percept.inference.classical.variability import (
 def test_reliability_is_that_of_scipys_one_way_f(counts, offset):
     rng = np.random.default_rng(len(counts))
     groups = [rng.normal(size=count) + rng.normal() for count in counts]
-    who = np.repeat(np.arange(len(counts)), counts)
-    made = subject_means(np.concatenate(groups) + offset, who)
-    found = icc_one_way(
-        trial_mean_squares(made.values, np.array(counts, float), made.trial_sd), level=0.9
-    )
+    groups = [group + offset for group in groups]
+    means = np.array([group.mean() for group in groups])
+    within = sum(np.square(group - group.mean()).sum() for group in groups)
+    trial_sd = math.sqrt(within / (sum(counts) - len(counts)))
+    squares = trial_mean_squares(means, np.array(counts, float), trial_sd)
+    found = icc_one_way(squares, level=0.9)
     df = (len(counts) - 1, sum(counts) - len(counts))
     k = (sum(counts) - sum(count**2 for count in counts) / sum(counts)) / df[0]
     f = stats.f_oneway(*groups).statistic
