@@ -88,10 +88,10 @@ def fiducial_users(values: Array, *, log: bool, rng: np.random.Generator) -> Use
         None where subjects give no joint law: fewer than three, or both quantities in proportion.
     """
     try:
-        draws = fiducial_draws(values, _DRAWS, rng)
+        mean, covariance = fiducial_draws(values, _DRAWS, rng)
     except RefusalError:
         return None
-    return Users.of(draws.mean, draws.covariance, log=log)
+    return Users.of(mean, covariance, log=log)
 
 
 def confidence(

@@ -87,6 +87,7 @@ class ContrastRow(Estimate):
     d_z: float | None = (
         None  # Mean of subjects' own differences over their SD, on the family's scale
     )
+    error: float | None = None  # Of ratios: Monte Carlo standard error of the limits, the larger
     within: bool  # Whether each subject has all levels
 
 

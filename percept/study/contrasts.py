@@ -214,12 +214,12 @@ def contrast_row(
     kind: Kind = "mean",
     method: Method,
     together: ArrayLike | None = None,
-    **evidence: float,
+    **evidence: float | None,
 ) -> ContrastRow:
     """Make a row of lower limit, upper limit and estimate, and of limits that hold together.
 
-    They are differences of responses, or ratios of SDs. `evidence` are p-value, probability and d_z
-    by their names in the row.
+    They are differences of responses, or ratios of SDs. `evidence` are p-value, probability,
+    d_z and error by their names in the row.
     """
     asked = data.asked
     unit = ""

@@ -23,12 +23,12 @@ from scipy import special
 from percept.inference.model.laws import Moments
 from percept.inference.model.limits import Limits, level_together, limits_of
 from percept.inference.record import Kind
-from percept.inference.sampling.lines import line_limits
 from percept.results import ContrastRow, Skipped
 from percept.study.basics import Array, Stream, generator
 from percept.study.contrasts import contrast_row
 from percept.study.fit import Fit
 from percept.study.linear import Contrast, rows_of
+from percept.study.posterior_psychophysics import DrawLimits
 
 #: Draws of the scales, S, that joint draws are made for. Every k-th draw of the fit is kept, with k
 #: a whole number: up to twice as many stay.
@@ -54,7 +54,7 @@ def posterior_contrasts(fit: Fit) -> Iterator[ContrastRow | Skipped]:
         first = last
     for contrast in fit.contrasts:
         if contrast.comparison.is_ratio:
-            yield from _ratio(fit, contrast)
+            yield _ratio(fit, contrast)
 
 
 def _rows(
@@ -129,17 +129,17 @@ def _families(contrasts: Sequence[Contrast]) -> list[list[int]]:
     return [members for members in families.values() if len(members) > 1]
 
 
-def _ratio(fit: Fit, contrast: Contrast) -> Iterator[ContrastRow | Skipped]:
-    """Yield a ratio of SDs, and where its limits miss the tolerance."""
+def _ratio(fit: Fit, contrast: Contrast) -> ContrastRow:
+    """Make the row of a ratio of SDs, from every draw."""
     comparison = contrast.comparison
-    second = np.maximum(contrast.row, 0.0)
-    first = np.maximum(-contrast.row, 0.0)
-
-    def log_ratio(points: Array) -> Array:
-        """Log ratio of SDs between users, or of geometric means of cells' trial SDs, (W,)."""
-        if comparison.of == "spread":
-            sds = fit.model.user_sds(points, np.stack([second, first]))
-            return np.asarray(np.log(sds[:, 0] / sds[:, 1]))
+    points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
+    if comparison.of == "spread":
+        second = np.maximum(contrast.row, 0.0)
+        first = np.maximum(-contrast.row, 0.0)
+        sds = fit.model.user_sds(points, np.stack([second, first]))
+        ratios = sds[:, 0] / sds[:, 1]
+    else:
+        # Geometric means of trial SDs; locations that are no cells have none.
         log_sds = []
         for model, own_points in fit.model.split(points):
             of_locations = np.zeros((len(points), model.locations))
@@ -148,16 +148,14 @@ def _ratio(fit: Fit, contrast: Contrast) -> Iterator[ContrastRow | Skipped]:
                 _, sd = scales["sigma_e"]
                 of_locations[:, : len(model.cells)] = np.log(sd).reshape(len(points), -1)
             log_sds.append(of_locations)
-        return np.asarray(np.hstack(log_sds) @ contrast.row)
-
-    data = fit.data
-    limits = line_limits(fit.model, fit.run, log_ratio, data.asked.level)
-    ends = np.exp([limits.lower, limits.upper, limits.median])
-    yield contrast_row(
-        data, contrast.parameter, comparison, ends, contrast.subjects, method="bayesian"
+        ratios = np.exp(np.hstack(log_sds) @ contrast.row)
+    limits = DrawLimits(fit.data.asked.level, fit.run.batches(every=True)).of(ratios)
+    return contrast_row(
+        fit.data,
+        contrast.parameter,
+        comparison,
+        [limits.lower, limits.upper, limits.estimate],
+        contrast.subjects,
+        method="bayesian",
+        error=limits.error,
     )
-    if limits.error > data.asked.tolerance:
-        label = data.quantities[contrast.parameter].label
-        what = f"the tolerance in the {comparison.of} of {label}, {comparison.versus}"
-        why = f"the Monte Carlo error of its limits is {limits.error:.2%} of a half-width"
-        yield Skipped(f"{what}, {comparison.where}", why)

@@ -15,16 +15,18 @@ t law with ν = n − 1 and noncentrality √n·δ. Read as a law of δ, it puts
     E[Φ(√n(z − d·w)) − Φ(√n(−z − d·w))],   d = |x − x̄|/s,   w = s/σ,   ν·w² ~ χ²_ν.
 
 A value at the edge of the range gets a confidence of c or more in at most 1 − c of studies.
-SciPy's noncentral t gives NaN where its tail is small, so its upper tail at t, E[Φ(δ − t·w)] with
-noncentrality δ, is a sum over w here. The integrand falls from 1 to 0 where t·w passes δ. The sum
-has four pieces of w: below that fall, its two halves, and above it. Shapes: (...) is that of the
-values; nodes of w take a further last axis.
+
+SciPy's noncentral t gives NaN where its tail is small. Its upper tail at t is therefore worked out
+as E[Φ(δ − t·w)], with δ its noncentrality: Gauss–Legendre quadrature over w. The integrand falls
+from 1 to 0 where t·w passes δ. The range of w is cut into four pieces: below that fall, its two
+halves, and above it.
+
+Arrays of the values' shape are (...); nodes of w take a further last axis.
 """
 
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +37,6 @@ from percept.inference.classical.moments import Moments, plain, tail_of
 from percept.inference.record import FloatOrArray
 
 __all__ = [
-    "FiducialDraws",
     "central_range_confidence",
     "fiducial_draws",
     "noncentral_t_tail",
@@ -55,7 +56,10 @@ _legendre = cache(np.polynomial.legendre.leggauss)
 
 
 def central_range_confidence(
-    value: ArrayLike, users: Moments, *, central: float = 0.99
+    value: ArrayLike,
+    users: Moments,
+    *,
+    central: float = 0.99,
 ) -> FloatOrArray:
     """Work out the confidence that a value lies in the central range of all users.
 
@@ -88,9 +92,12 @@ def central_range_confidence(
         raise RefusalError("All users set the same value, so their range has no width.")
     root_n = np.sqrt(n)
     t = root_n * np.abs(value - users.mean) / sd
-    below_upper_end = noncentral_t_tail(t, n - 1.0, root_n * edge)
-    below_lower_end = noncentral_t_tail(t, n - 1.0, -root_n * edge)
-    return plain(np.minimum(below_upper_end - below_lower_end, 1.0))
+    df = n - 1.0
+    below_upper_end = noncentral_t_tail(t, df, root_n * edge)
+    below_lower_end = noncentral_t_tail(t, df, -root_n * edge)
+    confidence = below_upper_end - below_lower_end
+    # Rounding may pass one.
+    return plain(np.minimum(confidence, 1.0))
 
 
 def noncentral_t_tail(t: ArrayLike, df: ArrayLike, shift: ArrayLike) -> Array:
@@ -111,8 +118,8 @@ def noncentral_t_tail(t: ArrayLike, df: ArrayLike, shift: ArrayLike) -> Array:
         Of the broadcast shape, never NaN.
     """
     positive = np.maximum(t, _LEAST_DISTANCE)
-    columns = np.stack(np.broadcast_arrays(positive, df, shift), dtype=np.float64)
-    limit, freedom, centre = columns[..., None]
+    arguments = np.broadcast_arrays(positive, df, shift)
+    limit, freedom, centre = np.stack(arguments, dtype=np.float64)[..., None]
     fall = (centre + _FALL) / limit
     w, weight = _law_of_sd(freedom, fall)
     above = special.ndtr(centre - limit * w)
@@ -153,43 +160,41 @@ def tost_power(to_lower: float, to_upper: float, df: float, *, size: float) -> f
     at_upper = (to_upper + _FALL) / t
     cuts = np.concatenate([at_lower, at_upper, [most]])
     w, weight = _law_of_sd(np.array([df]), np.sort(cuts))
-    between = special.ndtr(to_upper - t * w) - special.ndtr(t * w - to_lower)
-    rejected = np.maximum(between, 0.0)
+    below_upper = special.ndtr(to_upper - t * w)
+    below_lower = special.ndtr(t * w - to_lower)
+    rejected = np.maximum(below_upper - below_lower, 0.0)
     return float(np.average(rejected, weights=weight))
 
 
 def _law_of_sd(df: Array, cuts: Array) -> tuple[Array, Array]:
-    """Return values of w = s/σ and their weights, (..., nodes), piece by piece between cuts.
+    """Return nodes of w = s/σ and their weights, (..., nodes), piece by piece between cuts.
 
-    Degrees of freedom (..., 1), cuts (..., pieces less one) in order.
+    Degrees of freedom (..., 1), cuts (..., pieces less one) in order. Weights are the density of w
+    times the nodes' own, but for a constant.
     """
-    lowest = np.sqrt(special.chdtri(df, 1.0 - _NEGLIGIBLE) / df)
-    highest = np.sqrt(special.chdtri(df, _NEGLIGIBLE) / df)
+    least_square = special.chdtri(df, 1.0 - _NEGLIGIBLE) / df
+    largest_square = special.chdtri(df, _NEGLIGIBLE) / df
+    lowest = np.sqrt(least_square)
+    highest = np.sqrt(largest_square)
     inner = np.clip(cuts, lowest, highest)
     ends = np.concatenate([lowest, inner, highest], axis=-1)
     nodes, weights = _legendre(_NODES)
     half_length = 0.5 * np.diff(ends)[..., None]
     middle = ends[..., :-1, None] + half_length
+    by_piece = middle + half_length * nodes
+    lengths = half_length * weights
     shape = (*ends.shape[:-1], -1)
-    w = (middle + half_length * nodes).reshape(shape)
-    lengths = (half_length * weights).reshape(shape)
-    return w, lengths * _density(w, df)
+    w = by_piece.reshape(shape)
+    # The density by its logarithm, zero at w = 1: powers overflow from n = 300 on.
+    log_density = special.xlogy(df - 1.0, w) - 0.5 * df * (w**2 - 1.0)
+    return w, lengths.reshape(shape) * np.exp(log_density)
 
 
-def _density(w: Array, df: Array) -> Array:
-    """Density of w = s/σ with so many degrees of freedom, but for a constant; 1 at w = 1."""
-    # By its logarithm: powers overflow from n = 300 on.
-    return np.exp(special.xlogy(df - 1.0, w) - 0.5 * df * (w**2 - 1.0))
-
-
-class FiducialDraws(NamedTuple):
-    """Populations, one per draw."""
-
-    mean: Array  # (D, P)
-    covariance: Array  # (D, P, P)
-
-
-def fiducial_draws(values: ArrayLike, count: int, rng: np.random.Generator) -> FiducialDraws:
+def fiducial_draws(
+    values: ArrayLike,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[Array, Array]:
     """Draw means and covariances of the population that subjects come from.
 
     Parameters
@@ -203,8 +208,8 @@ def fiducial_draws(values: ArrayLike, count: int, rng: np.random.Generator) -> F
 
     Returns
     -------
-    FiducialDraws
-        Means (D, P) and covariances (D, P, P).
+    mean : ndarray, shape (D, P)
+    covariance : ndarray, shape (D, P, P)
 
     Raises
     ------
@@ -224,17 +229,21 @@ def fiducial_draws(values: ArrayLike, count: int, rng: np.random.Generator) -> F
     centre = matrix.mean(axis=0)
     # Triangular root of the scatter: S = rootᵀ·root.
     root: Array = np.asarray(np.linalg.qr(matrix - centre, mode="r"))
-    if np.abs(np.diag(root)).min() <= np.finfo(np.float64).eps * np.abs(matrix).max():
+    rounding = np.finfo(np.float64).eps * np.abs(matrix).max()
+    if np.abs(np.diag(root)).min() <= rounding:
         raise RefusalError("One quantity follows exactly from the others, or does not vary.")
     # Bartlett: lower triangular, χ on the diagonal and normal below.
     freedom = n + quantities - 2 - np.arange(quantities)
-    bartlett = np.tril(rng.standard_normal((count, quantities, quantities)), -1)
+    normal = rng.standard_normal((count, quantities, quantities))
+    bartlett = np.tril(normal, -1)
     diagonal = np.arange(quantities)
-    bartlett[:, diagonal, diagonal] = np.sqrt(rng.chisquare(freedom, size=(count, quantities)))
+    chi_square = rng.chisquare(freedom, size=(count, quantities))
+    bartlett[:, diagonal, diagonal] = np.sqrt(chi_square)
     # Σ = rootᵀ·(B·Bᵀ)⁻¹·root, and a root of it is rootᵀ·B⁻ᵀ.
     inverse = np.linalg.inv(bartlett)
     factor = root.T @ np.swapaxes(inverse, 1, 2)
     covariance = factor @ np.swapaxes(factor, 1, 2)
     noise = rng.standard_normal((count, quantities, 1))
-    mean = centre + (factor @ noise)[..., 0] / np.sqrt(n)
-    return FiducialDraws(mean, covariance)
+    departure = factor @ noise
+    mean = centre + departure[..., 0] / np.sqrt(n)
+    return mean, covariance
