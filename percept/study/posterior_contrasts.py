@@ -96,11 +96,13 @@ def _limits_together(
     families = _families(contrasts)
     if not families:
         return {}
+    asked = fit.data.asked
     weights = rows_of(contrasts)
-    points = fit.points[:: max(1, len(fit.points) // _LEAST_KEPT)]
-    affordable = max(1, _MOST_NUMBERS // (len(weights) * len(points)))
-    rng = generator(fit.data.asked.seed, Stream.CONTRASTS)
-    repeats = min(affordable, _MOST_REPEATS)
+    gap = max(1, len(fit.points) // _LEAST_KEPT)
+    points = fit.points[::gap]
+    affordable = _MOST_NUMBERS // (len(weights) * len(points))
+    repeats = min(max(1, affordable), _MOST_REPEATS)
+    rng = generator(asked.seed, Stream.CONTRASTS)
     average_users, next_users = fit.model.draw(points, rng, weights, repeats=repeats)
     of_points = fit.model.moments(points, weights)
     found: dict[tuple[Kind, int], Array] = {}
@@ -109,13 +111,17 @@ def _limits_together(
         if kind == "share":
             continue
         drawn = of_points.of(members)
-        values, sd = average_users, drawn.sd
+        sd = drawn.sd
+        values = average_users
         if kind == "user":
-            values, sd = next_users, np.hypot(drawn.sd, drawn.population_sd)
-        level = level_together(drawn.mean, sd, values[:, members], fit.data.asked.level)
-        lower, upper, _ = Limits(fit.model, level=level).of(kind, laws.of(members))
-        for number, *ends in zip(members, lower, upper, strict=True):
-            found[kind, number] = np.array(ends)
+            sd = np.hypot(drawn.sd, drawn.population_sd)
+            values = next_users
+        level = level_together(drawn.mean, sd, values[:, members], asked.level)
+        limits = Limits(fit.model, level=level)
+        lower, upper, _ = limits.of(kind, laws.of(members))
+        ends = np.stack([lower, upper], axis=1)
+        for number, of_member in zip(members, ends, strict=True):
+            found[kind, number] = of_member
     return found
 
 

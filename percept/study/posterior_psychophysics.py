@@ -72,53 +72,60 @@ class DrawLimits:
         lower, upper, influence = mixture_limits(laws.mean, laws.sd, 0.5 * (1.0 - self.level))
         error = batch_errors(influence, self.batch).reshape(2, -1).max(axis=0)
         estimate = laws.mean.mean(axis=0)
-        columns = [estimate, lower, upper, error]
-        by_law = np.stack(columns, axis=1).tolist()
-        return [Bounded(*numbers) for numbers in by_law]
+        by_law = np.stack([estimate, lower, upper, error], axis=1)
+        return [Bounded(*numbers) for numbers in by_law.tolist()]
 
 
 def posterior_psychophysics(fit: Fit) -> _Rows:
     """Yield the Bayesian rows of a fit that passed."""
-    data = fit.data
-    of_every_draw = DrawLimits(data.asked.level, fit.run.batches(every=True))
-    limits = DrawLimits(data.asked.level, fit.run.batches())
-    every_cell = []
+    level = fit.data.asked.level
+    of_every_draw = DrawLimits(level, fit.run.batches(every=True))
+    limits = DrawLimits(level, fit.run.batches())
+    measured = list(_cells(fit))
     population_sd = fit.moments.population_sd
-    for (parameter, environment), c in fit.column.items():
-        measured = Measured(
-            data=data,
-            method="bayesian",
-            parameter=parameter,
-            environment=environment,
-            n=int(fit.counts[c]),
-            unit=float(fit.scale.unit[c]),
-        )
-        every_cell.append(measured)
-        yield from measured.rows("sd_subjects", of_every_draw.of(population_sd[:, c]))
+    yield from _rows({"sd_subjects": population_sd}, measured, of_every_draw)
     every = fit.run.points.reshape(len(population_sd), -1)
-    of_every = fit.model.split(every)
-    of_points = fit.model.split(fit.points)
+    parts = zip(fit.model.split(every), fit.model.split(fit.points), strict=True)
     first = 0
-    for (model, every_draw), (_, points) in zip(of_every, of_points, strict=True):
+    for (model, every_draw), (_, points) in parts:
         last = first + len(model.cells)
-        of_cells = every_cell[first:last]
+        of_cells = measured[first:last]
         scales = _scales_of(model, every_draw)
         drawn = _of_cells(scales, population_sd[:, first:last])
         yield from _rows(drawn, of_cells, of_every_draw)
-        subjects = len(model.statistics.subjects)
+        statistics = model.statistics
+        n = len(statistics.subjects)
         over_all = [
-            dataclasses.replace(measured, environment=None, n=subjects)
-            for measured in of_cells[:: len(model.statistics.environments)]
+            dataclasses.replace(cell, environment=None, n=n)
+            for cell in of_cells[:: len(statistics.environments)]
         ]
         yield from _of_subjects(model, scales, over_all, of_every_draw)
         yield from _slopes(model, points, over_all, limits)
         yield from _rows(_over_all(model, scales), over_all, of_every_draw)
-        if len(model.statistics.parameters) == 2:
+        if len(statistics.parameters) == 2:
             yield from _correlations(model, points, of_cells, limits)
         first = last
 
 
-def _rows(drawn: _Drawn, measured: Sequence[Measured], limits: DrawLimits) -> _Rows:
+def _cells(fit: Fit) -> Iterator[Measured]:
+    """Yield what is measured in every cell."""
+    cells = zip(fit.model.cells, fit.counts.tolist(), fit.scale.unit.tolist(), strict=True)
+    for (parameter, environment), n, unit in cells:
+        yield Measured(
+            data=fit.data,
+            method="bayesian",
+            parameter=parameter,
+            environment=environment,
+            n=n,
+            unit=unit,
+        )
+
+
+def _rows(
+    drawn: _Drawn,
+    measured: Sequence[Measured],
+    limits: DrawLimits,
+) -> _Rows:
     """Yield the rows of draws of each quantity measured."""
     for measure, draws in drawn.items():
         for one, column in zip(measured, draws.T, strict=True):
@@ -166,8 +173,9 @@ def _of_subjects(
     """Yield each subject's own trial SD: the geometric mean over the cells of its groups."""
     if "sigma_e" not in scales or "phi" not in scales:
         return
-    own = cells_of_subjects(model).T
-    mean_log_sd = np.log(scales["sigma_e"]) @ (own / own.sum(axis=0))
+    cells = cells_of_subjects(model).T
+    weights = cells / cells.sum(axis=0)
+    mean_log_sd = np.log(scales["sigma_e"]) @ weights
     trial_sd = np.exp(mean_log_sd + scales["phi"])  # (S, P, N)
     for p, measured in enumerate(over_all):
         for i, subject in enumerate(model.statistics.subjects):
