@@ -9,7 +9,7 @@ from scipy import stats
 from percept.inference.classical.contrasts import anova
 from percept.results import AnovaRow
 from tests.documents import build_document, page_of
-from tests.study.within import crossed, frame, reasons, study
+from tests.study.within import crossed, frame, only, reasons, study
 
 
 def effects_of(made):
@@ -19,10 +19,9 @@ def effects_of(made):
 @pytest.mark.parametrize("family", ["lognormal", "normal"])
 def test_two_levels_have_the_p_of_the_overall_contrast(family):
     made = study(frame(), family)
-    rows = made.contrasts.query("of == 'bias'")
-    overall = rows[rows["environment"].isna() & (rows["kind"] == "mean")]
+    overall = only(made.contrasts, of="bias", kind="mean", environment=None)
     test = effects_of(made)["hand"]
-    assert test.p_corrected == pytest.approx(overall["p_value"].item(), rel=1e-9)
+    assert test.p_corrected == pytest.approx(overall["p_value"], rel=1e-9)
     assert (test.n, test.df, test.df_error) == (8, 1.0, 7.0)
     assert test.family == family
 
@@ -66,14 +65,14 @@ ANOVA = "analysis of variance of stiffness"
 
 def test_incomplete_subjects_are_named_with_what_to_do():
     table = frame()
-    gone = (table["subject"] == "S2") & (table["environment"] == "VE3") & (table["hand"] == "right")
+    gone = table.eval("subject == 'S2' and environment == 'VE3' and hand == 'right'")
     made = study(table[~gone])
     assert effects_of(made) == {}
     why = reasons(made)[ANOVA]
     assert why.startswith("S2 has no trial in VE3 (right), and the analysis needs complete cells.")
     rule = '{ column = "subject", equals = "S2", why = "incomplete" }'
     assert f"To leave S2 out: [sessions] exclude = [{rule}]." in why
-    gone |= (table["subject"] == "S5") & (table["hand"] == "left")
+    gone |= table.eval("subject == 'S5' and hand == 'left'")
     assert "Cells are missing for 2 subjects in all." in reasons(study(table[~gone]))[ANOVA]
     # The rule it names works.
     complete = study(table[~gone & ~table["subject"].isin(["S2", "S5"])])
@@ -100,10 +99,8 @@ def test_levels_hold_every_subject_on_the_scale_of_the_contrasts():
     expected = y.groupby(keys, sort=False).mean().groupby(level=[0, 1], sort=False).mean().unstack()
     for hand in ("left", "right"):
         np.testing.assert_allclose(levels["hand", hand], np.exp(expected[hand]), rtol=1e-12)
-    novices = [value is not None for value in levels["group", "novice"]]
-    assert novices == [True, False] * 4
-    experts = [value is None for value in levels["group", "expert"]]
-    assert experts == novices
+    for group, present in (("novice", [True, False]), ("expert", [False, True])):
+        assert [value is not None for value in levels["group", group]] == present * 4
 
 
 def test_the_methods_paragraph_is_written_from_the_design():
@@ -124,7 +121,7 @@ def test_cells_of_other_groups_are_not_missing():
     made = study(crossed(), bias="hand * load + group")
     assert not [notice for notice in made.sessions.warnings if "no trial" in notice.text]
     table = crossed()
-    gone = (table["subject"] == "S2") & (table["environment"] == "VE3") & (table["hand"] == "left")
+    gone = table.eval("subject == 'S2' and environment == 'VE3' and hand == 'left'")
     made = study(table[~gone], bias="hand * load + group")
     (notice,) = [notice for notice in made.sessions.warnings if "no trial" in notice.text]
     assert notice.text == (

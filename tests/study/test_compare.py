@@ -62,13 +62,13 @@ def test_a_study_against_a_shifted_copy_of_itself(fitted):
     table["k_adj"] *= 1.25
     other = Study(table, without_device(fitted, tolerance=0.2))
     found = compare_studies(fitted, other).differences
-    k = found[(found["parameter"] == "k") & (found["method"] == "classical")]
+    k = found.query("parameter == 'k' and method == 'classical'")
     np.testing.assert_allclose(k["value"], 1.25, rtol=1e-9)
     np.testing.assert_allclose(k["spread_value"], 1.0, rtol=1e-6)
-    b = found[(found["parameter"] == "b") & (found["method"] == "bayesian")]
+    b = found.query("parameter == 'b' and method == 'bayesian'")
     assert ((b["lower"] < 1.0) & (b["upper"] > 1.0)).all()
     assert b["probability_above"].between(0.2, 0.8).all()
-    bayes = found[(found["parameter"] == "k") & (found["method"] == "bayesian")]
+    bayes = found.query("parameter == 'k' and method == 'bayesian'")
     assert bayes.set_index("environment").loc["VE4", "probability_above"] > 0.999
     assert ((bayes["spread_lower"] < 1.0) & (bayes["spread_upper"] > 1.0)).all()
 

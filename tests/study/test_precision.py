@@ -1,14 +1,12 @@
 """Ratios of SDs between trials: against SciPy's tests of log SDs, and what lacks them."""
 
-import itertools
-
 import numpy as np
 import pytest
 from scipy import integrate, stats
 
 from percept import UsageError
 from tests.fits import SHARED
-from tests.study.within import frame, reasons, study
+from tests.study.within import ends_of, frame, only, reasons, study
 
 RATIO = 1.5
 FITTED = {"method": "both", "tolerance": 0.3, "kinds": ["mean"]}
@@ -29,8 +27,7 @@ def opened(table, precision="hand", **inference):
 
 
 def precision_of(made):
-    rows = [row for row in made.contrast_rows if row.of == "precision"]
-    return {row.environment: row for row in rows}
+    return made.contrasts.query("of == 'precision'")
 
 
 def log_sds(table):
@@ -46,22 +43,19 @@ def log_sds(table):
     return unbiased.unstack(["hand", "environment"])
 
 
-def test_conditions_are_compared_by_the_paired_t_test_of_unbiased_log_sds():
+@pytest.mark.parametrize("environment", ["VE1", "VE2", None])
+def test_conditions_are_compared_by_the_paired_t_test_of_unbiased_log_sds(environment):
     """With other numbers of trials at the levels, log SDs are biased unequally."""
-    table = planted(1)
-    table = table[(table["hand"] == "left") | (table["trial"] < 4)]
-    rows = precision_of(opened(table))
+    table = planted(1).query("hand == 'left' or trial < 4")
     wide = log_sds(table)
-    for environment in ("VE1", "VE2", None):
-        columns = slice(None) if environment is None else [environment]
-        left, right = (wide[level][columns].mean(axis=1) for level in ("left", "right"))
-        test = stats.ttest_rel(right, left)
-        interval = test.confidence_interval(0.95)
-        row = rows[environment]
-        ends = [interval.low, (right - left).mean(), interval.high]
-        assert np.log([row.lower, row.estimate, row.upper]) == pytest.approx(ends, rel=1e-7)
-        assert (row.p_value, row.n, row.unit) == (pytest.approx(test.pvalue, rel=1e-7), 8, "")
-    assert set(rows) == {"VE1", "VE2", None}
+    columns = slice(None) if environment is None else [environment]
+    left, right = (wide[level][columns].mean(axis=1) for level in ("left", "right"))
+    test = stats.ttest_rel(right, left)
+    interval = test.confidence_interval(0.95)
+    row = only(precision_of(opened(table)), environment=environment)
+    ends = [interval.low, (right - left).mean(), interval.high]
+    assert np.log(ends_of(row)) == pytest.approx(ends, rel=1e-7)
+    assert (row["p_value"], row["n"], row["unit"]) == (pytest.approx(test.pvalue, rel=1e-7), 8, "")
 
 
 def test_groups_are_compared_by_welch_s_test_of_unbiased_log_sds():
@@ -70,38 +64,32 @@ def test_groups_are_compared_by_welch_s_test_of_unbiased_log_sds():
     left, right = (wide[level].mean(axis=1).dropna() for level in ("left", "right"))
     test = stats.ttest_ind(right, left, equal_var=False)
     interval = test.confidence_interval(0.95)
-    row = precision_of(opened(table))[None]
-    assert np.log([row.lower, row.upper]) == pytest.approx([interval.low, interval.high], rel=1e-7)
-    assert row.p_value == pytest.approx(test.pvalue, rel=1e-7)
+    row = only(precision_of(opened(table)), environment=None)
+    ends = [interval.low, right.mean() - left.mean(), interval.high]
+    assert np.log(ends_of(row)) == pytest.approx(ends, rel=1e-7)
+    assert row["p_value"] == pytest.approx(test.pvalue, rel=1e-7)
 
 
 def test_what_has_no_ratio_is_named():
     table = planted(3, subjects=6)
-    first = (table["subject"] == "S2") & (table["hand"] == "left") & (table["environment"] == "VE1")
-    table.loc[first, "k_adj"] = 11.0
-    table = table[(table["environment"] == "VE1") | (table["trial"] == 1)]
-    made = opened(table)
-    rows = precision_of(made)
-    assert list(rows) == ["VE1"]
-    assert rows["VE1"].n == 5
-    why = reasons(made)
-    assert why["S2 in the precision of stiffness"] == (
-        "all trials in VE1 (left) are equal, and zero has no logarithm"
-    )
-    what = "contrast of precision of stiffness, right against left, in VE2"
-    once = opened(table[table["trial"] == 1])
-    assert not precision_of(once)
-    why = reasons(once)
-    assert why[what.replace("VE2", "VE1, VE2")] == "there are no repeated trials at all its levels"
+    steady = table.eval("subject == 'S2' and hand == 'left' and environment == 'VE1'")
+    table.loc[steady, "k_adj"] = 11.0
+    table = table.query("environment == 'VE1' or trial == 1")
     fit = opened(table, **FITTED)
-    rows = [row for row in fit.contrast_rows if row.of == "precision"]
-    assert [(row.environment, row.method) for row in rows] == [
-        ("VE1", "classical"),
-        ("VE1", "bayesian"),
-    ]
-    assert all(row.lower < RATIO < row.upper for row in rows)
+    found = precision_of(fit)
+    assert found["environment"].tolist() == ["VE1", "VE1"]
+    assert found["method"].tolist() == ["classical", "bayesian"]
+    assert only(found, method="classical")["n"] == 5
+    assert ((found["lower"] < RATIO) & (found["upper"] > RATIO)).all()
     why = reasons(fit)
-    assert why[what] == "there are no repeated trials at all its levels"
+    equal = "all trials in VE1 (left) are equal, and zero has no logarithm"
+    assert why["S2 in the precision of stiffness"] == equal
+    what = "contrast of precision of stiffness, right against left, in {}"
+    once = opened(table[table["trial"] == 1])
+    assert precision_of(once).empty
+    for made, where in ((fit, "VE2"), (once, "VE1, VE2")):
+        there = "there are no repeated trials at all its levels"
+        assert reasons(made)[what.format(where)] == there
 
 
 def test_only_factors_of_the_model_have_a_precision():
@@ -109,23 +97,18 @@ def test_only_factors_of_the_model_have_a_precision():
         list(opened(planted(1), precision="foot").contrast_rows)
 
 
-@pytest.fixture(scope="module")
-def with_pairs():
-    return opened(frame(subjects=6), None, level=0.9, **(FITTED | {"kinds": ["mean", "user"]}))
-
-
-def test_probabilities_and_d_z_are_those_of_draws(with_pairs):
+def test_probabilities_and_d_z_are_those_of_draws():
     """Of the average and the next user, drawn from the posterior."""
-    fit = with_pairs.fit
+    made = opened(frame(subjects=6), None, level=0.9, **(FITTED | {"kinds": ["mean", "user"]}))
+    fit = made.fit
     rows = np.array([own.row for own in fit.contrasts if own.comparison.is_of_users])
     points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
     averages, users = fit.model.draw(points, np.random.default_rng(1), rows)
-    sds = fit.model.user_sds(points, rows)
-    found = [row for row in with_pairs.contrast_rows if row.method == "bayesian" and row.kind]
-    names = ["mean", "user"]
-    for index, (kind, row) in enumerate(itertools.product(names, range(rows.shape[0]))):
-        drawn = (averages if kind == "mean" else users)[:, row]
-        assert found[index].kind == kind
-        assert found[index].probability_above == pytest.approx((drawn > 0.0).mean(), abs=0.01)
-        d_z = np.median(averages[:, row] / sds[:, row]) if kind == "mean" else None
-        assert found[index].d_z == (d_z if d_z is None else pytest.approx(d_z, abs=0.03))
+    d_z = np.median(averages / fit.model.user_sds(points, rows), axis=0)
+    found = made.contrasts.query("method == 'bayesian'")
+    for kind, drawn in {"mean": averages, "user": users}.items():
+        of_kind = found[found["kind"] == kind]
+        above = (drawn > 0.0).mean(axis=0)
+        np.testing.assert_allclose(of_kind["probability_above"], above, atol=0.01)
+    np.testing.assert_allclose(found.query("kind == 'mean'")["d_z"], d_z, atol=0.03)
+    assert found.query("kind == 'user'")["d_z"].isna().all()

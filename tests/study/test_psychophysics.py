@@ -15,7 +15,7 @@ from scipy import stats
 from percept import Scene, Study
 from percept.results import Measure
 from tests.study.checked import study_of, table_of
-from tests.study.within import reasons
+from tests.study.within import only, reasons
 
 
 def repeated(subjects=5, reference=8.0, repeats=3, seed=4):
@@ -38,10 +38,8 @@ def classical(table, **tables):
 
 
 def numbers(table, measure, environment=None):
-    of_measure = table[table["measure"] == measure]
-    place = of_measure["environment"]
-    row = of_measure[place.isna() if environment is None else place == environment]
-    return tuple(row[["estimate", "lower", "upper"]].to_numpy(dtype=float)[0])
+    row = only(table, measure=measure, environment=environment)
+    return row["estimate"], row["lower"], row["upper"]
 
 
 @pytest.mark.parametrize("family", ["normal", "lognormal"])
@@ -118,7 +116,7 @@ def test_posterior_rows_follow_from_the_draws(fitted):
     every = fit.run.points.reshape(-1, fit.points.shape[1])
     _, shared = fit.model.scales(every)["sigma_u"]
     draws = {name: values for name, (_, values) in fit.model.scales(fit.points).items()}
-    row = bayesian.query("measure == 'sigma_u' and parameter == 'k'").iloc[0]
+    row = only(bayesian, measure="sigma_u", parameter="k")
     limits = np.quantile(shared[:, 0], [0.005, 0.995])
     assert (row["lower"], row["upper"]) == pytest.approx(limits, rel=1e-12)
 
@@ -132,8 +130,8 @@ def test_posterior_rows_follow_from_the_draws(fitted):
     whole += covariances(draws["sigma_u"], draws["rho_u"])
     whole += covariances(draws["sigma"][..., 2], draws["rho_w"])
     twin = np.median(whole[:, 0, 1] / np.sqrt(whole[:, 0, 0] * whole[:, 1, 1]))
-    of_pair = bayesian[bayesian["measure"] == "correlation"].set_index("environment")
-    assert of_pair.loc["VE3", "estimate"] == pytest.approx(twin, rel=1e-9)
+    of_pair = only(bayesian, measure="correlation", environment="VE3")
+    assert of_pair["estimate"] == pytest.approx(twin, rel=1e-9)
     assert (bayesian["error"] > 0.0).all()
     assert found[found["method"] == "classical"]["error"].isna().all()
 

@@ -58,3 +58,16 @@ def study(table, family="lognormal", *, bias=None, store=None, **tables):
 def reasons(made):
     """What a study skips, and why."""
     return {part.what: part.why for part in made.skipped_rows}
+
+
+def only(rows, **where):
+    """The one row of a table with these values; None stands for a missing one."""
+    for name, value in where.items():
+        rows = rows[rows[name].isna() if value is None else rows[name] == value]
+    (row,) = rows.to_dict("records")
+    return row
+
+
+def ends_of(row):
+    """Lower limit, estimate and upper limit."""
+    return [row["lower"], row["estimate"], row["upper"]]
