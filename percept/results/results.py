@@ -149,7 +149,7 @@ class Results:
     #: The sampler's checks
     diagnostics: Diagnostics | None
     #: The model's checks
-    checks: Annotated[Checks | None, Part("checking the model", of="all_checks")]
+    checks: Annotated[Checks | None, Part("checking the model")]
     #: What was not computed, and why
     skipped: Annotated[tuple[Skipped, ...], Part(of="skipped_rows", needs="curves")]
     #: Tests of the terms of `contrast`; empty without factors

@@ -80,11 +80,17 @@ def _classical(data: Data, cell: Cell) -> EquivalenceRow | Skipped:
         return jnd
     ends = _ends(data.reference[where], jnd, log=asked.family == "lognormal")
     tests = tost(cell.moments.on_scale(asked.family), *ends.tolist())
-    within = float(tests.p_within)
-    beyond = float(tests.p_beyond)
     size = 1.0 - asked.decision
-    outcome = _outcome(within=within <= size, beyond=beyond <= size)
-    return _row(data, where, "classical", outcome, jnd, p_within=within, p_beyond=beyond)
+    return _row(
+        data,
+        where,
+        "classical",
+        jnd,
+        is_within=bool(tests.p_within <= size),
+        is_beyond=bool(tests.p_beyond <= size),
+        p_within=float(tests.p_within),
+        p_beyond=float(tests.p_beyond),
+    )
 
 
 def _posterior(
@@ -115,33 +121,37 @@ def _posterior(
     probability = float(inside.mean())
     error = float(inside.std()) / math.sqrt(len(fit.points))
     decisive = data.asked.decision + _SURE * error
-    outcome = _outcome(within=probability >= decisive, beyond=1.0 - probability >= decisive)
-    return _row(data, where, "bayesian", outcome, size, probability=probability, error=error)
-
-
-def _outcome(*, within: bool, beyond: bool) -> Equivalence:
-    """Name what is shown, if anything is."""
-    if within:
-        return "within"
-    return "beyond" if beyond else "too little data"
+    return _row(
+        data,
+        where,
+        "bayesian",
+        size,
+        is_within=probability >= decisive,
+        is_beyond=1.0 - probability >= decisive,
+        probability=probability,
+        error=error,
+    )
 
 
 def _row(
     data: Data,
     where: tuple[str, str],
     method: Method,
-    outcome: Equivalence,
     jnd: float | None,
+    *,
+    is_within: bool,
+    is_beyond: bool,
     **evidence: float,
 ) -> EquivalenceRow:
     """Make the row of a verdict; `evidence` are p-values, or a probability and its error."""
     parameter, environment = where
+    outcome: Equivalence = "beyond" if is_beyond else "too little data"
     return EquivalenceRow(
         environment=environment,
         parameter=parameter,
         method=method,
         family=data.asked.family,
-        outcome=outcome,
+        outcome="within" if is_within else outcome,
         jnd=jnd,
         unit=data.quantities[parameter].unit,
         reference=data.reference[where],

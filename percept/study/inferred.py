@@ -243,7 +243,12 @@ class Inferred:
 
     @cached_property
     def checks(self) -> Checks | None:
-        """Tests of normality, and checks of a passed fit that pools sessions; None without."""
+        """Tests of normality, and checks of a passed fit that pools sessions.
+
+        None where the scene does not ask for checks, and without sessions.
+        """
+        if self.scene.checks is None:
+            return None
         if self.passed is not None:
             from percept.study.checks import model_checks
 

@@ -155,11 +155,11 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
     means, users = fit.model.draw(points, rng)
     posterior = fit.model.scales(points)
     posterior["population_mean"] = _in_cells(fit, means)
-    predicted = {"new_user": _in_cells(fit, users)}
-    groups = {
+    predicted: Named = {"new_user": _in_cells(fit, users)}
+    groups: dict[str, Named] = {
         "posterior": posterior,
         "posterior_predictive": predicted,
-        "sample_stats": {"lp": _named(fit.model(points))},
+        "sample_stats": {"lp": ((), fit.model(points))},
     }
     subjects = fit.subjects
     # What follows needs the sessions, in one model of all quantities.
@@ -168,9 +168,9 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
     density = subjects.density
     effects = draw_subject_effects(density, points, means, rng)
     if effects is not None:
-        posterior["subject_effect"] = _named(effects, "subject", "parameter")
+        posterior["subject_effect"] = (("subject", "parameter"), effects)
     left_out = [subjects.left_out(laws).log_density for _, laws in subjects.batches(points)]
-    groups["log_likelihood"] = {"left_out": _named(np.concatenate(left_out), "subject")}
+    groups["log_likelihood"] = {"left_out": (("subject",), np.concatenate(left_out))}
     studies = list(new_studies(subjects, points, rng))
     predicted["response"] = _observations(subjects, np.concatenate(studies))
     # Data are one draw of themselves.
@@ -180,11 +180,6 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
     scales, prior_means, _ = draw_prior(density, _PRIOR_DRAWS, rng_of_prior)
     groups["prior"] = scales | {"population_mean": _in_cells(fit, prior_means)}
     return groups
-
-
-def _named(values: Array, *dimensions: str) -> tuple[tuple[str, ...], Array]:
-    """Put values with the names of their dimensions after the draw."""
-    return dimensions, values
 
 
 def _without_slashes(name: str) -> str:

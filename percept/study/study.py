@@ -18,7 +18,6 @@ from percept.errors import RefusalError, UsageError, counted
 from percept.html import fields_html
 from percept.results import (
     Beside,
-    Checks,
     Coupling,
     Diagnostics,
     GateVerdict,
@@ -48,7 +47,7 @@ _MOST_ENVIRONMENTS = 1_000
 #: Parts that may skip something, in the order in which `Study.skipped` lists it.
 _SKIPPING = (
     "interval_rows", "fit", "with_reference", "setup", "zoom_windows", "contrast_rows", "anova",
-    "banded", "pairs", "psychophysics_rows", "equivalence_rows", "without_maps",
+    "banded", "pairs", "psychophysics_rows", "equivalence_rows", "without_maps", "checks",
 )  # fmt: skip
 _ABOUT = ["environment", "parameter", "kind", "family", "unit", "reference"]
 _LIMITS = ["estimate", "lower", "upper"]
@@ -129,8 +128,7 @@ class Study(Displayed):
     @property
     def skipped_before_curves(self) -> tuple[Skipped, ...]:
         """What was not computed, and why, curves of laws not counted: they take time to draw."""
-        parts = _SKIPPING if self.scene.checks is None else (*_SKIPPING, "checks")
-        return self.skipped_of(*parts)
+        return self.skipped_of(*_SKIPPING)
 
     def summary(self, kind: str | None = "user") -> pd.DataFrame:
         """Lay the intervals out wide: a row per environment, parameter and kind.
@@ -201,11 +199,6 @@ class Study(Displayed):
             tolerance=fit.run.settings.tolerance,
             priors=tuple(Prior(name, value, MEANINGS[name]) for name, value in priors.items()),
         )
-
-    @property
-    def all_checks(self) -> Checks | None:
-        """Tests of normality and checks of the model, where the scene asks for checks."""
-        return None if self.scene.checks is None else self.checks
 
     def results(
         self,

@@ -11,7 +11,6 @@ import pytest
 from percept import RefusalError, Scene, Study
 from percept.cli import main
 from percept.inference import prediction_interval, tolerance_interval
-from percept.sessions import Sessions
 from tests import LONG
 
 KINDS = ("mean", "user", "share")
@@ -47,7 +46,7 @@ def table_of(response, *, parameters=("k", "b"), unit=1.0):
 
 def study_of(table, *, model=None, **inference):
     asked = {"method": "bayesian", "tolerance": 0.05, "seed": 1, **inference}
-    return Study(Sessions.from_frame(table), Scene(inference=asked, model=model or {}))
+    return Study(table, Scene(inference=asked, model=model or {}, checks={}))
 
 
 def answered(study):
