@@ -136,10 +136,10 @@ def _by_reference(
     cells: Sequence[CellKey],
 ) -> list[Comparison]:
     """Make a contrast at each reference that has all its levels, and the average of several."""
-    places = [list(factors.levels).index(factor) for factor in term]
+    columns = [list(factors.levels).index(factor) for factor in term]
     made = []
     for name in factors.environments:
-        weights = _weights(name, places, signs, cells)
+        weights = _weights(name, columns, signs, cells)
         if weights:
             made.append(
                 dataclasses.replace(outline, environment=name, references=(name,), weights=weights)
@@ -154,7 +154,7 @@ def _by_reference(
 
 def _weights(
     environment: str,
-    places: Sequence[int],
+    columns: Sequence[int],
     signs: _Signs,
     cells: Sequence[CellKey],
 ) -> dict[CellKey, float]:
@@ -162,11 +162,11 @@ def _weights(
     by_others: dict[tuple[str, ...], dict[CellKey, float]] = {}
     for cell in cells:
         name, levels = cell
-        own = tuple(levels[place] for place in places)
-        if name != environment or own not in signs:
+        corner = tuple(levels[column] for column in columns)
+        if name != environment or corner not in signs:
             continue
-        others = tuple(level for place, level in enumerate(levels) if place not in places)
-        by_others.setdefault(others, {})[cell] = signs[own]
+        others = tuple(level for column, level in enumerate(levels) if column not in columns)
+        by_others.setdefault(others, {})[cell] = signs[corner]
     whole = [weights for weights in by_others.values() if len(weights) == len(signs)]
     return {cell: sign / len(whole) for weights in whole for cell, sign in weights.items()}
 
@@ -232,8 +232,9 @@ def log_trial_sds(trials: Trials) -> Array:
     """
     found = np.full(trials.counts.shape, np.nan)
     for i, c in np.argwhere(trials.counts > 1.0).tolist():
-        own = trials.response[(trials.subject == i) & (trials.environment == c), 0]
+        in_cell = (trials.subject == i) & (trials.environment == c)
+        responses = trials.response[in_cell, 0]
         # Rounding of the mean is no scatter.
-        sd = own.std(ddof=1) if np.ptp(own) > 0.0 else 0.0
-        found[i, c] = log_sd(sd, len(own) - 1.0)
+        sd = responses.std(ddof=1) if np.ptp(responses) > 0.0 else 0.0
+        found[i, c] = log_sd(sd, len(responses) - 1.0)
     return found

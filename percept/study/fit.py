@@ -136,8 +136,8 @@ def fitted(
     model = prepared.model
     further = []
     for contrasts, kinds in prepared.sums:
-        places = tuple(contrast.place for contrast in contrasts)
-        further.append(Combinations(places, rows_of(contrasts), kinds))
+        names = tuple(contrast.name for contrast in contrasts)
+        further.append(Combinations(names, rows_of(contrasts), kinds))
     estimands = Limits(model, kinds=asked.kinds, **claim_of(asked), further=further)
     settings = Settings(
         tolerance=asked.tolerance,
@@ -148,7 +148,7 @@ def fitted(
     larger = f"[inference] tolerance above {asked.tolerance:g}"
     quicker = ", or ".join([*simpler_models(model), larger])
 
-    def told(state: Progress) -> None:
+    def report_state(state: Progress) -> None:
         if progress:
             progress(dataclasses.replace(state, quicker=quicker))
 
@@ -158,7 +158,7 @@ def fitted(
         # A run found in the store needs no sampler.
         from percept.inference.sampling.run import sample
 
-        run = sample(model, estimands, settings, progress=told)
+        run = sample(model, estimands, settings, progress=report_state)
         if store:
             store.keep(question, run)
     # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.

@@ -41,8 +41,8 @@ class Contrast:
     subjects: int  # That it rests on
 
     @property
-    def place(self) -> tuple[str, str]:
-        """The contrast among the names of limits."""
+    def name(self) -> tuple[str, str]:
+        """Its name among those of limits."""
         made = self.comparison
         return ("contrast", f"{self.parameter}, {made.factor}: {made.versus}, {made.where}")
 

@@ -61,12 +61,12 @@ def _rows(
     fit: Fit, contrasts: Sequence[Contrast], kinds: Sequence[Kind], laws: Moments
 ) -> Iterator[ContrastRow]:
     """Yield the rows of L contrasts of locations, from their laws at every draw."""
-    places = [contrast.place for contrast in contrasts]
+    names = [contrast.name for contrast in contrasts]
     found = fit.run.estimates
     estimate = laws.mean.mean(axis=0)
     limits_together = _limits_together(fit, contrasts, kinds, laws)
     for kind in kinds:
-        lower, upper = limits_of(found.names, found.value, kind, places)
+        lower, upper = limits_of(found.names, found.value, kind, names)
         user_sd = laws.population_sd if kind == "user" else 0.0
         above = special.ndtr(laws.mean / np.hypot(laws.sd, user_sd)).mean(axis=0)
         for i, contrast in enumerate(contrasts):
@@ -147,9 +147,9 @@ def _ratio(fit: Fit, contrast: Contrast) -> ContrastRow:
     else:
         # Geometric means of trial SDs; locations that are no cells have none.
         log_sds = []
-        for model, own_points in fit.model.split(points):
+        for model, coordinates in fit.model.split(points):
             of_locations = np.zeros((len(points), model.locations))
-            scales = model.scales(own_points)
+            scales = model.scales(coordinates)
             if "sigma_e" in scales:
                 _, sd = scales["sigma_e"]
                 of_locations[:, : len(model.cells)] = np.log(sd).reshape(len(points), -1)
