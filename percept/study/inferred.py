@@ -25,9 +25,12 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.contrasts import anova_rows, classical_contrasts, level_values
 from percept.study.data import Data
-from percept.study.equivalence import equivalence
 from percept.study.intervals import COLUMNS, bayesian_rows, classical_rows, method_pairs
-from percept.study.psychophysics import absent_jnds, classical_psychophysics
+from percept.study.psychophysics import (
+    absent_jnds,
+    classical_equivalence,
+    classical_psychophysics,
+)
 from percept.study.responses import refuse_lone_subject
 
 # What imports the hierarchical model is imported where it is needed: the classical method does
@@ -162,7 +165,15 @@ class Inferred:
     @cached_property
     def equivalence_rows(self) -> tuple[EquivalenceRow, ...]:
         """Whether biases are smaller than one JND; empty without a JND."""
-        return self._kept("equivalence_rows", equivalence(self.data, self.passed))
+        return self._kept("equivalence_rows", self._equivalence())
+
+    def _equivalence(self) -> Iterator[EquivalenceRow | Skipped]:
+        if self.data.asked.method != "bayesian":
+            yield from classical_equivalence(self.data)
+        if self.passed is not None:
+            from percept.study.posterior_psychophysics import posterior_equivalence
+
+            yield from posterior_equivalence(self.passed)
 
     @property
     def equivalence(self) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Bayesian rows of the psychophysics table, from the posterior of a fit.
+"""Bayesian rows of the psychophysics table, and of verdicts on JNDs, from the posterior of a fit.
 
 A fit has one model of all its quantities, or one model for each. A model has P quantities in J
 environments and N subjects. Its P J cells stand quantity by quantity: all environments of the
@@ -18,22 +18,33 @@ mixtures. Scales and reliabilities have quantiles of draws.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from percept.inference.classical.variability import Bounded
 from percept.inference.model.laws import Moments
 from percept.inference.model.model import LinearModel
 from percept.inference.model.predictions import trend_rows
 from percept.inference.model.subjects import cells_of_subjects
+from percept.inference.record import FloatOrArray
 from percept.inference.sampling.endpoints import batch_errors, mixture_limits
-from percept.results import Measure, PsychophysicsRow
+from percept.results import EquivalenceRow, Measure, PsychophysicsRow, Skipped
 from percept.study.basics import Array
 from percept.study.fit import Fit
-from percept.study.psychophysics import Measured
+from percept.study.psychophysics import (
+    Measured,
+    ends_of_jnd,
+    equivalence_row,
+    jnd_in_unit,
+    jnds_of,
+)
 
+#: Monte Carlo errors by which a probability must pass the one that decides.
+_SURE = 2.0
 _Rows = Iterator[PsychophysicsRow]
 #: Draws, (S, cells) or (S, quantities), by what they are of.
 _Drawn = dict[Measure, Array]
@@ -233,3 +244,63 @@ def _correlations(
     for measured, draws in zip(of_cells, correlation.T, strict=False):
         of_pair = dataclasses.replace(measured, parameter=both)
         yield from of_pair.rows("correlation", limits.of(draws))
+
+
+def posterior_equivalence(fit: Fit) -> Iterator[EquivalenceRow | Skipped]:
+    """Yield whether biases are smaller than one JND, by their posterior probability."""
+    jnds = jnds_of(fit.data)
+    trial_sds = _trial_sds(fit) if "trials" in jnds.values() else {}
+    for cell in fit.model.cells:
+        if cell[0] in jnds:
+            yield _judged(fit, cell, trial_sds.get(cell))
+
+
+def _judged(
+    fit: Fit,
+    where: tuple[str, str],
+    trial_sd: Array | None,
+) -> EquivalenceRow | Skipped:
+    """Judge a cell of a fit that passed; `trial_sd` has its draws of the SD between trials."""
+    data = fit.data
+    c = fit.column[where]
+    scale = fit.scale.at(c)
+    size: float | None = None
+    jnd: FloatOrArray
+    if data.scene.study.jnd[where[0]] == "trials":
+        if trial_sd is None:
+            what = f"whether {data.quantities[where[0]].label} of {where[1]} is within one JND"
+            return Skipped(f"{what} from trials", "without repeated trials there is none")
+        jnd = scale.native(trial_sd) - scale.origin
+    else:
+        found = jnd_in_unit(data, where)
+        if isinstance(found, Skipped):
+            return found
+        jnd = size = found
+    ends = (ends_of_jnd(data.reference[where], jnd, log=scale.log) - scale.centre) / scale.unit
+    mean = fit.moments.mean[:, c]
+    sd = fit.moments.sd[:, c]
+    inside = special.ndtr((ends[1] - mean) / sd) - special.ndtr((ends[0] - mean) / sd)
+    probability = float(inside.mean())
+    error = float(inside.std()) / math.sqrt(len(fit.points))
+    decisive = data.asked.decision + _SURE * error
+    return equivalence_row(
+        data,
+        where,
+        "bayesian",
+        size,
+        is_within=probability >= decisive,
+        is_beyond=1.0 - probability >= decisive,
+        probability=probability,
+        error=error,
+    )
+
+
+def _trial_sds(fit: Fit) -> dict[tuple[str, str], Array]:
+    """Return every cell's draws of the SD between trials; empty without repeats."""
+    points = fit.run.points.reshape(len(fit.moments.mean), -1)
+    sds: dict[tuple[str, str], Array] = {}
+    for model, coordinates in fit.model.split(points):
+        draws = _scales_of(model, coordinates).get("sigma_e")
+        if draws is not None:
+            sds |= zip(model.cells, draws.reshape(len(draws), -1).T, strict=True)
+    return sds

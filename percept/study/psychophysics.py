@@ -1,17 +1,19 @@
-"""The psychophysics table: its rows by any method, and the classical ones by t, χ², F and z.
+"""The psychophysics table, and whether biases are smaller than one JND: rows of any method.
 
-SDs are of responses; a row says what they are in the quantity's unit.
+The classical ones are made here, by t, χ², F and Fisher's z. SDs are of responses; a row says what
+they are in the quantity's unit.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
 from percept.errors import RefusalError
+from percept.inference.classical.contrasts import tost
 from percept.inference.classical.variability import (
     Bounded,
     MeanSquares,
@@ -22,10 +24,11 @@ from percept.inference.classical.variability import (
     sd_interval,
     trial_mean_squares,
 )
-from percept.inference.record import Method
-from percept.results import Measure, PsychophysicsRow, Skipped
+from percept.inference.record import FloatOrArray, Method
+from percept.results import Equivalence, EquivalenceRow, Measure, PsychophysicsRow, Skipped
+from percept.sessions.quantities import amount_in
 from percept.study.basics import Array
-from percept.study.data import Data
+from percept.study.data import Cell, Data
 from percept.study.responses import Trials
 
 #: The quartile of a standard normal: half of all adjustments lie within so many SDs.
@@ -264,3 +267,97 @@ def _correlations(data: Data) -> Iterator[PsychophysicsRow]:
             n=len(pairs),
         )
         yield from measured.rows("correlation", bounded, approximate=True)
+
+
+def classical_equivalence(data: Data) -> Iterator[EquivalenceRow | Skipped]:
+    """Yield whether biases are within one JND, by two one-sided tests of size 1 - decision."""
+    for cell in data.cells[data.asked.family]:
+        if cell.parameter in jnds_of(data):
+            yield _tested(data, cell)
+
+
+def jnds_of(data: Data) -> Mapping[str, float | str]:
+    """JNDs that the scene gives, by quantity; none where no quantity has a reference."""
+    quantities = data.sessions.options.quantities.values()
+    has_reference = any(quantity.is_matched for quantity in quantities)
+    return data.scene.study.jnd if has_reference else {}
+
+
+def _tested(data: Data, cell: Cell) -> EquivalenceRow | Skipped:
+    """Judge a cell."""
+    asked = data.asked
+    what = f"classical verdict whether {cell.quantity.label} is within one JND"
+    if data.scene.study.jnd[cell.parameter] == "trials":
+        return Skipped(what, "a JND from trials has an error that the tests do not know")
+    if cell.moments is None:
+        return Skipped(f"{what} in {cell.environment}", cell.why)
+    where = (cell.parameter, cell.environment)
+    jnd = jnd_in_unit(data, where)
+    if isinstance(jnd, Skipped):
+        return jnd
+    ends = ends_of_jnd(data.reference[where], jnd, log=asked.family == "lognormal")
+    tests = tost(cell.moments.on_scale(asked.family), *ends.tolist())
+    size = 1.0 - asked.decision
+    return equivalence_row(
+        data,
+        where,
+        "classical",
+        jnd,
+        is_within=bool(tests.p_within <= size),
+        is_beyond=bool(tests.p_beyond <= size),
+        p_within=float(tests.p_within),
+        p_beyond=float(tests.p_beyond),
+    )
+
+
+def jnd_in_unit(data: Data, where: tuple[str, str]) -> float | Skipped:
+    """Return the JND of a cell in the quantity's unit, or why there is none; not of trials."""
+    parameter, environment = where
+    quantity = data.quantities[parameter]
+    jnd = data.scene.study.jnd[parameter]
+    reference = data.reference[where]
+    what = f"whether {quantity.label} of {environment} is within one JND"
+    if math.isnan(reference):
+        return Skipped(what, "there is no reference")
+    if isinstance(jnd, str):
+        return amount_in(quantity, jnd)
+    if reference == 0.0:
+        return Skipped(what, "a fraction of a reference of zero is zero; give the JND in its unit")
+    return jnd * abs(reference)
+
+
+def ends_of_jnd(reference: float, jnd: FloatOrArray, *, log: bool) -> Array:
+    """Return the values one JND below and above a reference, or their logarithms."""
+    ends = np.stack([reference - np.asarray(jnd), reference + np.asarray(jnd)])
+    if not log:
+        return ends
+    with np.errstate(divide="ignore"):
+        # No positive value lies a whole reference below it.
+        return np.log(np.maximum(ends, 0.0))
+
+
+def equivalence_row(
+    data: Data,
+    where: tuple[str, str],
+    method: Method,
+    jnd: float | None,
+    *,
+    is_within: bool,
+    is_beyond: bool,
+    **evidence: float,
+) -> EquivalenceRow:
+    """Make the row of a verdict; `evidence` are p-values, or a probability and its error."""
+    parameter, environment = where
+    outcome: Equivalence = "beyond" if is_beyond else "too little data"
+    return EquivalenceRow(
+        environment=environment,
+        parameter=parameter,
+        method=method,
+        family=data.asked.family,
+        outcome="within" if is_within else outcome,
+        jnd=jnd,
+        unit=data.quantities[parameter].unit,
+        reference=data.reference[where],
+        decision=data.asked.decision,
+        **evidence,
+    )

@@ -24,11 +24,9 @@ def outlying():
     return study_of(table, method="both", family="normal")
 
 
-def widths_of(study, kind, **where):
-    """Effects of every step on the intervals of a kind, by cause."""
-    effects = pd.DataFrame(study.ladder.effects)
-    for name, value in {"kind": kind, **where}.items():
-        effects = effects[effects[name] == value]
+def steps_of(study, query):
+    """Effects of every step on the intervals of the average user, by cause."""
+    effects = pd.DataFrame(study.ladder.effects).query(f"kind == 'mean' and {query}")
     return effects.set_index("cause")
 
 
@@ -51,7 +49,7 @@ def test_the_same_method_twice_makes_no_difference_beyond_its_error():
 
 
 def test_an_outlying_environment_is_moved_by_pooling(outlying):
-    found = widths_of(outlying, "mean", environment="VE2")
+    found = steps_of(outlying, "environment == 'VE2'")
     assert list(found.index) == ["all", "prior", "pooling"]
     assert found.loc["pooling", "centre"] > 0.05
     assert found.loc["pooling", "centre"] > abs(found.loc["prior", "centre"])
@@ -105,7 +103,7 @@ def test_correlation_moves_stiffness_that_nothing_else_moves():
     table = pd.DataFrame(adjusted).assign(subject=subjects, environment="VE1", k_ref=1e3, b_ref=5.0)
     tight = {"priors": {"alpha_sd": 0.05, "tau_scale": 0.05}}
     study = study_of(table, model=tight, method="both")
-    found = widths_of(study, "mean", parameter="k")
+    found = steps_of(study, "parameter == 'k'")
     assert list(found.index) == ["all", "prior", "correlation", "scale"]
     assert abs(found.loc["prior", "centre"]) < 0.05
     assert found.loc["correlation", "centre"] < -0.2

@@ -42,7 +42,7 @@ def test_a_scene_says_how_its_files_are_read(walls):
         sessions={"exclude": [{"column": "subject", "equals": "Dee"}]},
         environments={"VE2": {"m_ref": 0.25}},
     )
-    study = Study(read_sessions(walls, scene=given), given)
+    study = Study(walls, given)
     assert study.sessions.subjects == ("Ann", "Ben", "Cem")
     assert study.sessions.table["k_adj"].max() == 1010.0
     assert study.data.environments == ("VE2", "VE1")
@@ -72,10 +72,8 @@ def test_a_part_that_was_not_applied_is_an_error(walls, tables, named):
     sessions = read_sessions(walls)
     with pytest.raises(UsageError) as caught:
         Study(sessions, Scene(inference=CLASSICAL, **tables))
-    assert str(caught.value) == (
-        f"the sessions were read without {named} of the scene. "
-        "Read them with it: read_sessions(files, scene=scene)."
-    )
+    hint = "Read them with it: read_sessions(files, scene=scene)."
+    assert str(caught.value) == f"the sessions were read without {named} of the scene. {hint}"
 
 
 def test_a_factor_whose_column_was_not_kept_is_an_error(walls):
@@ -99,13 +97,18 @@ VE2,b,3,2.5,4,10,0.99
 """
 
 
-def test_masses_reach_published_limits_and_predictions(tmp_path):
+@pytest.fixture
+def published(tmp_path):
     path = tmp_path / "published.csv"
     path.write_text(SUMMARY)
+    return path
+
+
+def test_masses_reach_published_limits_and_predictions(published):
     walls = {"VE1": {"m_ref": 0.5}, "VE2": {"k_ref": 900.0, "m_ref": 0.5}}
     inference = {"tolerance": 0.2, "kinds": ["mean"], "method": "bayesian"}
     given = Scene(device=DEVICE, environments=walls, inference=inference)
-    study = Study(read_sessions(path, scene=given), given)
+    study = Study(published, given)
     assert study.sessions.masses == {"VE1": 0.5, "VE2": 0.5}
     assert study.setup.references["VE1"].mass == 0.5
     one = predict(study, stiffness=700.0, damping=2.5).boundaries
@@ -115,21 +118,17 @@ def test_masses_reach_published_limits_and_predictions(tmp_path):
         predict(study, stiffness=700.0, damping=2.5, at={"m": -1.0})
 
 
-def test_masses_that_differ_leave_a_prediction_without_one(tmp_path):
-    path = tmp_path / "published.csv"
-    path.write_text(SUMMARY)
+def test_masses_that_differ_leave_a_prediction_without_one(published):
     given = Scene(device=DEVICE, environments={"VE1": {"m_ref": 0.5}}, inference=CLASSICAL)
-    study = Study(read_sessions(path, scene=given), given)
+    study = Study(published, given)
     with pytest.raises(UsageError, match=r"tested ones have 0, 0\.5 kg") as caught:
         predict(study, stiffness=700.0, damping=2.5)
     assert "--at m=" in caught.value.hint
 
 
-def test_references_of_a_published_table_are_held_to_the_scenes(tmp_path):
-    path = tmp_path / "published.csv"
-    path.write_text(SUMMARY)
+def test_references_of_a_published_table_are_held_to_the_scenes(published):
     given = Scene(environments={"VE2": {"k_ref": 950.0}})
     with pytest.raises(UsageError) as caught:
-        read_sessions(path, scene=given)
+        read_sessions(published, scene=given)
     assert "[environments] gives 'VE2' the reference 950." in str(caught.value)
     assert (caught.value.row, caught.value.value) == (4, 900.0)
