@@ -46,19 +46,6 @@ def test_an_offset_does_not_round_the_correlation():
     assert far.shape == pytest.approx(near.shape, rel=1e-13)
 
 
-@pytest.mark.parametrize("kind", ["mean", "user"])
-def test_stiffness_and_damping_hold_together_at_the_level(kind):
-    random = np.random.default_rng(31)
-    studies, n, level = 800, 8, 0.9
-    held = 0
-    for _ in range(studies):
-        drawn = random.multivariate_normal([30.0, 10.0], COVARIANCE, n + 1)
-        target = drawn[n] if kind == "user" else (30.0, 10.0)
-        region = ellipse_region(*drawn[:n].T, kind=kind, level=level)
-        held += bool(region.distance(*target) <= region.radius)
-    assert abs(held / studies - level) <= 4 * np.sqrt(level * (1 - level) / studies)
-
-
 LINE = np.arange(5.0)
 
 

@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study, read_sessions
-from percept.published import BETWEEN, CORRELATION, simulate_like, write_sessions
+from percept.published import BETWEEN, CORRELATION
 from percept.sessions import ReadOptions
 from tests import DATASETS
 from tests.documents import build_document, page_of
@@ -61,12 +61,6 @@ def test_sessions_give_the_printed_limits(environment: str, parameter: str) -> N
     values = [row[f"{parameter}_adj"] for row in rows]
     assert len(values) == 10
     assert printed_limits(values, "0.99", (lower, upper)) == (lower, upper)
-
-
-def test_sessions_come_from_their_seed(tmp_path: Path) -> None:
-    published = read_sessions(DATASETS / "hbfd_table1.csv")
-    again = write_sessions(simulate_like(published, seed=1), tmp_path / "again.csv")
-    assert again.read_bytes() == SESSIONS.read_bytes()
 
 
 def test_the_description_has_the_columns_and_the_correlations() -> None:

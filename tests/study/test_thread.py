@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.sessions import Sessions
 from tests import DATASETS
 from tests.fits import SHARED
 from tests.study.within import reasons
@@ -42,19 +41,6 @@ def test_failed_gate_withholds_the_bayesian_numbers():
     assert set(study.intervals["method"]) == {"classical"}
     assert study.posterior is None
     assert "autocorrelation times" in reasons(study)["Bayesian intervals"]
-
-
-def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
-    table = frame()
-    few = Sessions.from_frame(table[table.environment == "VE2"])
-    study = Study(few, hbfd_scene(tolerance=1e-4, most_steps=200), store=SHARED)
-    assert set(study.intervals["method"]) == {"classical", "bayesian"}
-    assert study.posterior is not None
-    assert study.skipped_of("fit", "interval_rows") == ()
-    gate = study.diagnostics.gate
-    assert gate.passed
-    assert not gate.tolerance_met
-    assert f"{100 * gate.worst_error:.3g} % of a half-width" in gate.error_reached
 
 
 def frame(**changes):

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.inference.left_out import SubjectDensity
-from percept.inference.model.model import plain_model
 from percept.inference.model.predictions import draw_prior
 from percept.inference.predictive import (
     new_studies,
@@ -13,7 +11,6 @@ from percept.inference.predictive import (
 )
 from tests.inference.checks.test_subjects import averages, opened
 from tests.inference.model.designs import OTHER, made
-from tests.inference.model.test_statistics import reduce
 
 
 def laws(priors):
@@ -132,19 +129,3 @@ def test_new_studies_scatter_as_the_model_says(name):
         assert np.abs((values.mean(axis=0) - expected) / np.sqrt(variance / count)).max() < 4.5
         assert np.abs(values.var(axis=0) / variance - 1.0).max() < 4.5 * np.sqrt(2.0 / count)
         assert np.isnan(np.delete(drawn[0, i], cells, axis=1)).all()
-
-
-def test_an_outlier_that_was_planted_is_the_farthest_subject():
-    rng = np.random.default_rng(4)
-    study = made("plain", subjects=8)
-    trials = study.study
-    trials.response[(trials.subject == 4) & (trials.cell == 2)] += 25.0
-    moved = reduce(study)
-    observed = statistics_of(moved.cell_means)[2]
-    model = plain_model(moved)
-    subjects = SubjectDensity(model, trials.response, trials.subject, trials.cell)
-    studies = new_studies(subjects, np.zeros((4000, len(model.names))), rng)
-    drawn = statistics_of(np.concatenate([*studies]))[:, 2]
-    above = (drawn > observed).mean(axis=0)
-    assert (above[:, 2] < 0.005).all()
-    assert (above[:, :2] > 0.005).all()

@@ -2,7 +2,6 @@
 
 from collections.abc import Sized
 
-import numpy as np
 import pytest
 
 from percept import Scene, Study
@@ -10,10 +9,8 @@ from reports.benchmark.commands import (
     exponent,
     least,
     not_imported,
-    sessions_of,
     study_without,
 )
-from reports.calibration.studies import Kind, draw_study
 from reports.measure import Cost, in_a_process
 from tests.documents import build_document
 
@@ -82,17 +79,3 @@ def test_the_power_that_time_goes_with():
     # A start that counts for the smallest alone is left out.
     seconds = dict(zip(amounts, [9.0, 9.0, 4.0, 8.0, 16.0], strict=True))
     assert exponent(seconds) == pytest.approx(1.0, rel=1e-9)
-
-
-def test_sessions_hold_the_trials_of_a_study():
-    kind = Kind(3, 4, (5, 5), ("hand",))
-    table = sessions_of(kind, seed=2)
-    study = draw_study(kind, np.random.default_rng(2)).observed
-    cells = table.groupby(["subject", "environment", "hand"])["trial"]
-    assert cells.apply(list).tolist() == [[1, 2, 3, 4, 5]] * 24
-    for p, name in enumerate("kb"):
-        response = np.log(table[f"{name}_adj"] / table[f"{name}_ref"])
-        assert response.to_numpy() == pytest.approx(study.response[:, p], abs=1e-12)
-        references = table.groupby("environment")[f"{name}_ref"].first()
-        decades = np.log10(references / np.exp(np.log(references).mean()))
-        assert decades.to_numpy() == pytest.approx([-1.5, -0.5, 0.5, 1.5], abs=1e-12)

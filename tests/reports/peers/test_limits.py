@@ -22,19 +22,3 @@ def test_limits_of_independent_draws_of_a_known_law():
     # estimated.
     assert np.mean(apart**2) == pytest.approx(1.0, abs=5 * 1.2 * np.sqrt(2 / 80))
     assert effective == pytest.approx(chains * draws, rel=0.2)
-
-
-def test_errors_see_autocorrelation():
-    rng = np.random.default_rng(12)
-    noise = rng.standard_normal((4, 4000, 2))
-    slow = np.zeros_like(noise)
-    for t in range(1, noise.shape[1]):
-        slow[:, t] = 0.9 * slow[:, t - 1] + np.sqrt(1 - 0.81) * noise[:, t]
-    spread = np.exp(0.1 * noise)
-    (_, quick_error, quick), (_, error, found) = (
-        limits_of_draws(draws, spread, rng) for draws in (noise, slow)
-    )
-    # The mean of an AR(1) with 0.9 has (1 + 0.9)/(1 - 0.9) = 19 times the variance of independent
-    # draws.
-    assert found < quick / 6
-    assert (error[0] > 1.7 * quick_error[0]).all()
