@@ -18,7 +18,7 @@ from percept.errors import PerceptError, UsageError
 from percept.files import exclusive, inert, own_folder, write_whole
 from percept.scene import Scene
 from percept.sessions import read_sessions
-from percept.sessions.inputs import expand, fitting, is_pattern, may_be_study
+from percept.sessions.inputs import expand, fitting, may_be_study
 from percept.study import Study
 from percept.workers import Mapper
 
@@ -169,9 +169,10 @@ def sources(
 
 def _studies(path: str) -> list[str]:
     """Return the tables and folders of tables that a pattern fits; anything else as it is."""
-    if not is_pattern(path):
+    matches = fitting(path)
+    if matches is None:
         return [path]
-    studies = [match for match in fitting(path) if may_be_study(match)]
+    studies = [match for match in matches if may_be_study(match)]
     if not studies:
         raise UsageError(
             "no table and no folder of tables fits the pattern.",

@@ -1,11 +1,20 @@
-"""A table of texts with one header: what stands around it is read past, other forms refused."""
+"""Texts to a table with one header: its dialect is found, and other forms are refused.
+
+A dialect is a delimiter and a way of quoting: the one that gives every line the same number of
+cells. Those that a text may have are tried on its first records. One fits if the first line that is
+not blank has several cells, and all records below have as many as the first of them; it may have
+one more cell than the header where that is empty. What stands around the table is read past.
+Nothing is guessed: if no dialect or several fit, that is an error.
+"""
 
 from __future__ import annotations
 
+import csv
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import chain, islice, pairwise
+from typing import Literal
 
 from percept.errors import UsageError, did_you_mean
 from percept.sessions.records import NoDataError, Notice, clip, shown
@@ -15,8 +24,10 @@ from percept.sessions.values import is_missing
 Rows = Iterator[tuple[int, list[str]]]
 #: The same of one row, its cells stripped.
 _Row = tuple[int, list[str]]
+Quoting = Literal["doubled", "backslash", "wrapped"]
+
 #: First rows of a table among which its header stands.
-MOST_ROWS = 50
+_MOST_ROWS = 50
 #: Rows that tell whether a table is one, and what its columns hold.
 _SAMPLE = 2_000
 #: A header of more cells is no session table's; the bound keeps hostile lines cheap.
@@ -24,6 +35,19 @@ _MOST_CELLS = 20_000
 _NUMBER = re.compile(r"[+-]?([0-9]+[.,]?[0-9]*|[.,][0-9]+)([eE][+-]?[0-9]+)?")
 #: What begins a comment.
 _COMMENT = ("#", "%", "//")
+_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+_SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
+_LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
+_BYTE_ORDER_MARK = "\ufeff"
+#: Characters at the beginning of a text that tell its dialect, and of a cell with a mouse track.
+_BEGINNING = 1 << 19
+_LONGEST_CELL = 1 << 24
+_QUOTES_HINT = "Write the table again as CSV with quotes doubled."
+_RAGGED_HINT = (
+    "Fix this line or its quotes. Decimal commas need quotes; R's write.table needs col.names = NA."
+)
+# csv's own limit of 128 kB is below what mouse tracks take.
+csv.field_size_limit(max(csv.field_size_limit(), _LONGEST_CELL))
 
 
 class LayoutError(UsageError):
@@ -43,8 +67,8 @@ class Grid:
         What stands between the cells in the file.
     fewest : int
         Cells that a header has at least.
-    has_notes : bool
-        Whether cells right of the header's last name are notes.
+    is_sheet : bool
+        Whether rows end with their last cell, and cells right of the header's last name are notes.
 
     Raises
     ------
@@ -59,7 +83,7 @@ class Grid:
         delimiter: str = ",",
         *,
         fewest: int = 1,
-        has_notes: bool = False,
+        is_sheet: bool = False,
     ) -> None:
         self.file = file
         self.delimiter = delimiter
@@ -68,13 +92,15 @@ class Grid:
         self.skipped = 0  # Rows above the header that are not blank
         self.units: dict[str, str] = {}  # By column, of the row below the header
         self.units_row = 0  # Its physical line
-        first = list(islice(rows, MOST_ROWS))
+        first = list(islice(rows, _MOST_ROWS))
+        if is_sheet:
+            widest = max((len(cells) for _, cells in first), default=0)
+            first = [(line, _to_width(cells, widest)) for line, cells in first]
         self.header_row, names, below = self._find_header(first)
-        if has_notes:
+        rows = chain(below, rows)
+        if is_sheet:
             names = names[: 1 + max(at for at, name in enumerate(names) if name.strip())]
-            rows = ((line, cells[: len(names)]) for line, cells in chain(below, rows))
-        else:
-            rows = chain(below, rows)
+            rows = ((line, _to_width(cells, len(names))) for line, cells in rows)
         if not fewest <= len(names) <= _MOST_CELLS:
             hint = "Correct the header, or declare [sessions] delimiter."
             message = f"a header of {len(names)} cells."
@@ -128,7 +154,14 @@ class Grid:
         table = kept[start:]
         self.skipped = filled.index(table[0])
         if self.skipped:
-            self._name_title(filled[0], table[0], is_title=start > 0)
+            (row, above), (line, names) = filled[0], table[0]
+            what = ", ".join(_filled(above))
+            if start and any(map(_NUMBER.fullmatch, names)):
+                message = f"line {row} is a title, and line {line} below it has numbers: no header."
+                hint = "Write the names of the columns in a line above the data."
+                raise UsageError(message, file=self.file, row=row, value=what, hint=hint)
+            text = f"the header is in line {line}; what stands above it is skipped: {shown([what])}"
+            self.notices.append(Notice(text, self.file, row))
         _refuse_two_headers(table, self.file)
         self.units = _units([cells for _, cells in table])
         last = table[0]
@@ -137,18 +170,6 @@ class Grid:
             self.units_row = last[0]
         at = stripped.index(table[0])
         return table[0][0], first[at][1], first[stripped.index(last) + 1 :]
-
-    def _name_title(self, above: _Row, header: _Row, *, is_title: bool) -> None:
-        """Say what stands above the header, which has no numbers below a title."""
-        row, cells = above
-        what = ", ".join(_filled(cells))
-        line, names = header
-        if is_title and any(map(_NUMBER.fullmatch, names)):
-            message = f"line {row} is a title, and line {line} below it has numbers: no header."
-            hint = "Write the names of the columns in a line above the data."
-            raise UsageError(message, file=self.file, row=row, value=what, hint=hint)
-        text = f"the header is in line {line}; what stands above it is skipped: {shown([what])}"
-        self.notices.append(Notice(text, self.file, row))
 
     def _data(self, names: list[str], rows: Rows) -> Rows:
         """Leave out what is no data, and hold the rest to one width."""
@@ -172,24 +193,18 @@ class Grid:
                 # A writer may end every line with a delimiter, and the header or not.
                 fits = columns <= width <= columns + 1 and len(cells) == width
                 if not fits or (width > columns and cells[-1]):
-                    raise self._ragged(names, line, cells, width)
+                    message = f"{len(cells)} cells where the header has {len(names)}"
+                    message += f" and the lines above have {width}." if len(cells) != width else "."
+                    value = clip(self.delimiter.join(cells))
+                    raise UsageError(
+                        message, file=self.file, row=line, value=value, hint=_RAGGED_HINT
+                    )
                 yield line, cells
 
-    def _ragged(
-        self,
-        names: list[str],
-        line: int,
-        cells: list[str],
-        width: int,
-    ) -> UsageError:
-        """Say that a row has not as many cells as the first, or fits no header."""
-        message = f"{len(cells)} cells where the header has {len(names)}"
-        message += f" and the lines above have {width}." if len(cells) != width else "."
-        hint = "Fix this line or its quotes."
-        if len(cells) == len(names) + 1:
-            hint += " Decimal commas need quotes; R's write.table needs col.names = NA."
-        value = clip(self.delimiter.join(cells))
-        return UsageError(message, file=self.file, row=line, value=value, hint=hint)
+
+def _to_width(cells: list[str], width: int) -> list[str]:
+    """Cut a row to a width, or fill it up with blank cells."""
+    return (cells + [""] * width)[:width]
 
 
 def _is_comment(cells: Sequence[str]) -> bool:
@@ -223,8 +238,8 @@ def _refuse_two_headers(table: Sequence[_Row], file: str) -> None:
         return
     names = []
     above = ""
-    for index, name in enumerate(lower):
-        above = (upper[index] if index < len(upper) else "") or above
+    for outer, name in zip(upper, lower, strict=False):
+        above = outer or above
         names.append(f"{name}_{above}" if above else name)
     message = f"lines {row} and {below} are both headers."
     hint = (
@@ -247,34 +262,158 @@ def _units(table: list[list[str]]) -> dict[str, str]:
     return units
 
 
-def refuse_aligned(text: str, file: str, row: int) -> None:
-    """Refuse columns that runs of spaces align."""
-    lines = [line for line in text.splitlines()[:MOST_ROWS] if line.strip()]
-    widths = {len(line.split()) for line in lines}
-    if len(widths) == 1 and widths != {1} and any("  " in line.strip() for line in lines):
-        message = "runs of spaces align the columns, which percept does not read."
-        hint = (
-            "Save the table as CSV: writetable(T, 'trials.csv') in MATLAB, write.csv in R; or"
-            " replace each run of spaces by one comma."
-        )
-        raise LayoutError(message, file=file, row=row, hint=hint)
-
-
 def refuse_headless(grid: Grid) -> None:
     """Refuse a header that looks like a row of data, by the rows below it."""
-    names = [name for name in grid.header if _NUMBER.fullmatch(name)]
-    numbers = 0
-    again = 0
-    rows = [cells for _, cells in grid.sample]
-    for name, *column in zip(grid.header, *rows, strict=False):
-        if name in names:
-            numbers += any(map(_NUMBER.fullmatch, column))
-        else:
-            again += name in column
-    if numbers and (again or len(names) == len(grid.header)):
+    numbers = [name for name in grid.header if _NUMBER.fullmatch(name)]
+    columns = zip(grid.header, *(cells for _, cells in grid.sample), strict=False)
+    again = any(name in column for name, *column in columns if name not in numbers)
+    if numbers and (again or len(numbers) == len(grid.header)):
         message = f"the first row looks like data: {shown(grid.header)}."
         hint = (
             "Write the names of the columns in a line above it, such as"
             " subject,environment,trial,k_ref,k_adj."
         )
         raise LayoutError(message, file=grid.file, row=grid.header_row, hint=hint)
+
+
+def refuse_half(text: str, file: str, row: int) -> None:
+    """Refuse half of a character, which JSON and escapes can write, and no file can hold.
+
+    The text begins in the row that is given.
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        row += text.count("\n", 0, error.start)
+        message = "half of a character (a lone surrogate)."
+        value = clip(text[error.start :])
+        hint = "Write the text again."
+        raise UsageError(message, file=file, row=row, value=value, hint=hint) from None
+
+
+def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
+    """Find the dialect of a text, and split it.
+
+    Parameters
+    ----------
+    text : str
+        The whole file, decoded.
+    file : str
+        Its name for messages.
+    delimiter : str or None
+        The one declared; None finds it.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    UsageError
+        No dialect fits, or several fit equally well.
+    """
+    refuse_half(text, file, 1)
+    text = text.replace("\r\r\n", "\r\n")  # So some programs end a line
+    first_row = 1
+    if sep := _SEP_LINE.match(text):
+        delimiter = delimiter or sep[1]
+        text = text[sep.end() :]
+        first_row = 2
+    text = text.lstrip(_BYTE_ORDER_MARK)
+    if _BYTE_ORDER_MARK in text:
+        # An appending writer puts one before each repeated header.
+        head = re.escape(re.split("[\r\n]", text, maxsplit=1)[0])
+        text = re.sub(f"(^|[\r\n]){_BYTE_ORDER_MARK}(?={head})", r"\1", text)
+    beginning = text[:_BEGINNING]
+    header = next((line for line in beginning.splitlines() if line.strip()), "")
+    fits: list[Grid] = []
+    misfits: list[tuple[bool, int, int, UsageError]] = []
+    for sign in [delimiter] if delimiter else _delimiters(header, beginning):
+        for quoting in _quotings(beginning):
+            try:
+                records = _records(text, sign, quoting, file, first_row)
+                fits.append(Grid(records, file, sign, fewest=2))
+                break
+            except UsageError as misfit:
+                # The delimiter meant splits the text most, and the quoting meant gets farthest.
+                named = isinstance(misfit, LayoutError)
+                misfits.append((named, beginning.count(sign), misfit.row or 0, misfit))
+    # Under a delimiter that is none, a row with one in a cell would look like a header.
+    least = min((grid.skipped for grid in fits), default=0)
+    fits = [grid for grid in fits if grid.skipped == least]
+    if len(fits) == 1:
+        return fits[0]
+    if fits:
+        names = " and ".join(_DELIMITERS[grid.delimiter] for grid in fits)
+        hint = 'Declare [sessions] delimiter = ";" (or the one that is right).'
+        raise UsageError(f"{names} can each split the lines.", file=file, hint=hint)
+    if misfits:
+        raise max(misfits, key=lambda misfit: misfit[:3])[3]
+    message = "this is not a table: no comma, semicolon, tab, bar or space separates its columns."
+    hint = "Export it as CSV, or declare [sessions] delimiter."
+    raise UsageError(message, file=file, row=first_row, hint=hint)
+
+
+def _delimiters(header: str, text: str) -> list[str]:
+    """List delimiters to try: spaces only where the header has no other, for names have spaces."""
+    *others, space = _DELIMITERS
+    spaces = space in header and not any(sign in header for sign in others)
+    return [space] * spaces + [sign for sign in others if sign in text]
+
+
+def _quotings(text: str) -> tuple[Quoting, ...]:
+    """List conventions to try, in order; PsychoPy's own only on a file of PsychoPy."""
+    if '"' not in text:
+        return ("doubled",)
+    head = text[: text.find("\n") + 1 or len(text)]
+    if "psychopyVersion" in head or "expName" in head:
+        return ("wrapped", "doubled")
+    return ("doubled", "backslash")
+
+
+def _records(text: str, delimiter: str, quoting: Quoting, file: str, first_row: int) -> Rows:
+    """Split a text into records."""
+    if quoting == "backslash":
+        # A NUL is refused before, so that it can stand for an escaped quote.
+        text = text.replace('\\"', "\0")
+    lines = (found[0] for found in _LINE.finditer(text))
+    if delimiter == " ":
+        # Runs of spaces align the columns.
+        lines = (re.sub(" +", " ", line.strip(" \r\n")) + "\n" for line in lines)
+    if quoting == "wrapped":
+        for row, line in enumerate(lines, first_row):
+            yield row, _join(line.rstrip("\r\n").split(delimiter), delimiter)
+        return
+    reader = csv.reader(lines, delimiter=delimiter, strict=True)
+    row = first_row
+    try:
+        for cells in reader:
+            if quoting == "backslash":
+                cells = [cell.replace("\0", '"') for cell in cells]
+            yield row, cells or [""]
+            row = first_row + reader.line_num
+    except csv.Error as error:
+        message = "a quoted cell is not closed, or text follows its closing quote."
+        if "limit" in str(error):
+            message = f"a cell of more than {_LONGEST_CELL:,} characters."
+        raise UsageError(message, file=file, row=row, hint=_QUOTES_HINT) from None
+
+
+def _join(pieces: list[str], delimiter: str) -> list[str]:
+    """Join the pieces of a line where PsychoPy's quotes wrap a cell with the delimiter."""
+    last = max((at for at, piece in enumerate(pieces) if piece.endswith('"')), default=0)
+    cells: list[str] = []
+    parts: list[str] = []  # Of a cell whose quotes are open
+    for at, piece in enumerate(pieces):
+        ends = piece.endswith('"')
+        # A cell quoted at both ends without a delimiter inside was not quoted by the writer: it
+        # stays.
+        opens = piece.startswith('"') and not (ends and len(piece) > 1) and at < last
+        if not (parts or opens):
+            cells.append(piece)
+            continue
+        parts.append(piece)
+        if ends and len(parts) > 1:
+            cells.append(delimiter.join(parts)[1:-1])
+            parts = []
+    return cells

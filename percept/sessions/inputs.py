@@ -10,14 +10,15 @@ import io
 import lzma
 import os
 import re
-import stat
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
+
+import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions.options import FileLimits
@@ -26,9 +27,9 @@ from percept.sessions.records import NoDataError, Notice
 #: What tells a folder of results from one of sessions: the marker of `percept.files`.
 _MARKER = ".percept"
 #: Ends of the names of tables in archives.
-PACKED = (".csv", ".tsv", ".tab", ".txt", ".json", ".jsonl")
+_PACKED = (".csv", ".tsv", ".tab", ".txt", ".json", ".jsonl")
 _SUFFIXES = (
-    *PACKED,
+    *_PACKED,
     ".gz",
     ".bz2",
     ".xz",
@@ -42,19 +43,9 @@ _SUFFIXES = (
     ".db",
     ".sqlite",
 )
+_ENDS = re.compile(rf"({'|'.join(map(re.escape, _SUFFIXES))})+$", re.IGNORECASE)
 #: An id in an escaped pattern.
 _ID = re.compile(r"\\\{(\w+)\\\}")
-#: What broken and locked archives raise.
-_BROKEN = (
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    OSError,
-    NotImplementedError,
-    EOFError,
-    RuntimeError,
-    ValueError,
-)
 #: Bytes that are unpacked at a time.
 _BLOCK = 8 << 20
 #: Characters in which files of experiment software show what they are: the bound keeps the search
@@ -67,8 +58,8 @@ _OPENERS: dict[bytes, Callable[..., Any]] = {
     b"\xfd7zXZ\0": lzma.open,
 }
 _ZIP = b"PK\x03\x04"
-#: What a zip archive holds that is an Excel workbook.
-_WORKBOOK = "xl/workbook.xml"
+#: A zip archive that is an Excel workbook.
+WORKBOOK = rb"(?s:PK\x03\x04.*xl/workbook\.xml)"
 #: Byte-order marks, and the encodings that they tell.
 _BYTE_ORDER_MARKS = {
     codecs.BOM_UTF8: "utf-8",
@@ -90,6 +81,12 @@ _NO_TABLES = (
     ),
     (r"\xd0\xcf\x11\xe0", "an old Office or E-Prime binary file", _CSV_HINT),
     (r"RDA[23]\n|A\n", "an R data file in ASCII", "In R: saveRDS(table, 'trials.rds')."),
+    (
+        r"MATLAB 7\.3",
+        "a MATLAB file of version 7.3, which percept does not read",
+        "Save it in MATLAB as save('T.mat', '-v7'), or by writetable(T, 'T.csv').",
+    ),
+    (r"Octave-1-|# Created by Octave", "a file of Octave's own", "In Octave, save with -v7."),
     (r"\x89HDF|\$FL[23]|<stata_dta>|%PDF", "another program's binary file", _CSV_HINT),
     (
         r"PK\x03\x04|\x1f\x8b|Rar!|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd",
@@ -133,10 +130,15 @@ def expand(paths: Sequence[str | Path]) -> tuple[dict[str, bool], list[Notice]]:
         text = str(given)
         is_folder = Path(text).is_dir()
         if is_folder:
-            names, results = _inside(Path(text))
+            names, results = _tables(Path(text))
             notices += [Notice("a folder of results is not read", file=name) for name in results]
         else:
             names = _named(text)
+        if not names:
+            message = "no file fits the pattern."
+            if is_folder:
+                message = f"the folder holds no table ({', '.join(_SUFFIXES)})."
+            raise UsageError(message, file=text, hint="Check the path; quote a pattern in a shell.")
         for name in names:
             place = Path(name).resolve()
             if place in resolved:
@@ -149,15 +151,13 @@ def expand(paths: Sequence[str | Path]) -> tuple[dict[str, bool], list[Notice]]:
 
 def _named(text: str) -> list[str]:
     """Return a file, or the files that a pattern fits."""
-    if Path(named_part(text)[0]).exists():
+    place, _ = named_part(text)
+    if Path(place).exists():
         return [text]
-    if not is_pattern(text):
+    names = fitting(text)
+    if names is None:
         raise UsageError("there is no such file.", file=text, hint="Check the path.")
-    names = [name for name in fitting(text) if not Path(name).is_dir()]
-    if not names:
-        hint = "Check it, and quote it in a shell."
-        raise UsageError("no file fits the pattern.", file=text, hint=hint)
-    return names
+    return [name for name in names if not Path(name).is_dir()]
 
 
 def named_part(text: str) -> tuple[str, str | None]:
@@ -168,14 +168,12 @@ def named_part(text: str) -> tuple[str, str | None]:
     return text, None
 
 
-def is_pattern(text: str) -> bool:
-    """Whether a path is a glob pattern: it has a sign of one, and nothing is called so."""
-    return any(sign in text for sign in "*?[") and not Path(text).exists()
-
-
-def fitting(pattern: str) -> list[str]:
-    """Return the files and folders that a pattern fits, sorted."""
-    return sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - a pattern may be absolute
+def fitting(pattern: str) -> list[str] | None:
+    """Return the files and folders that a glob pattern fits, sorted; None for a plain path."""
+    if Path(pattern).exists() or not any(sign in pattern for sign in "*?["):
+        return None
+    # Path.glob takes no absolute pattern, and finds hidden files.
+    return sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207
 
 
 def may_be_study(path: str) -> bool:
@@ -186,27 +184,22 @@ def may_be_study(path: str) -> bool:
     return not (place / _MARKER).exists() and bool(_tables(place)[0])
 
 
-def _inside(folder: Path) -> tuple[list[str], list[str]]:
-    """Return the tables of a folder, of which there are some, and its folders of results."""
-    tables, results = _tables(folder)
-    if not tables:
-        message = f"the folder holds no table ({', '.join(_SUFFIXES)})."
-        raise UsageError(message, file=str(folder), hint="Check the path.")
-    return tables, results
-
-
 def _tables(folder: Path) -> tuple[list[str], list[str]]:
     """Look for tables and folders of results in a folder and those below it."""
     filled = {path.parent for path in folder.rglob(_MARKER)} - {folder}
     tables = []
     for path in sorted(folder.rglob("*")):
         is_table = path.suffix.lower() in _SUFFIXES and path.is_file()
-        if is_table and filled.isdisjoint(path.parents) and not is_hidden(path.relative_to(folder)):
+        if (
+            is_table
+            and filled.isdisjoint(path.parents)
+            and not _is_hidden(path.relative_to(folder))
+        ):
             tables.append(str(path))
-    return tables, sorted(str(path) for path in filled)
+    return tables, sorted(map(str, filled))
 
 
-def is_hidden(path: PurePath) -> bool:
+def _is_hidden(path: PurePath) -> bool:
     """Whether a path is what a system or a program hides."""
     return any(part.startswith((".", "~$", "__MACOSX")) and part != ".." for part in path.parts)
 
@@ -219,15 +212,11 @@ def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str
     """
     if pattern is None:
         return {}
-    depth = pattern.count("/") + 1
-    parts = [*PurePath(path).parts[-depth:]]
-    parts[-1] = _stem(parts[-1])
-    name = "/".join(parts)
+    *folders, name = PurePath(path).parts[-1 - pattern.count("/") :]
+    name = "/".join([*folders, _ENDS.sub("", name)])
     text = re.escape(pattern).replace(r"\*", "[^/]*")
-    greedy = _ID.sub(r"(?P<\1>[^/]+)", text)
-    lazy = _ID.sub(r"(?P<\1>[^/]+?)", text)
-    longest = re.fullmatch(greedy, name)
-    shortest = re.fullmatch(lazy, name)
+    longest = re.fullmatch(_ID.sub(r"(?P<\1>[^/]+)", text), name)
+    shortest = re.fullmatch(_ID.sub(r"(?P<\1>[^/]+?)", text), name)
     if longest is None or shortest is None:
         hint = "Correct [sessions] filename."
         raise UsageError(f"the name does not fit the pattern {pattern!r}.", file=file, hint=hint)
@@ -236,13 +225,6 @@ def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str
         hint = "Put separators into [sessions] filename that do not occur in the ids."
         raise UsageError(message, file=file, hint=hint)
     return shortest.groupdict()
-
-
-def _stem(name: str) -> str:
-    """Take the ends of known formats off a file's name."""
-    while (lower := name.lower()).endswith(_SUFFIXES):
-        name = name[: lower.rindex(".")]
-    return name
 
 
 @dataclass(frozen=True)
@@ -255,25 +237,39 @@ class Input:
     part: str | None = None  # The sheet, table or variable that is named behind "::"
 
 
+@contextmanager
+def refusing(file: str, what: str = "file") -> Iterator[None]:
+    """Refuse a file in which a reader meets what it cannot read, or that needs another package."""
+    try:
+        yield
+    except UsageError as error:
+        error.file = file
+        raise
+    except ImportError as error:
+        hint = f"Install it: pip install {error.name}."
+        raise UsageError(f"this file needs {error.name}.", file=file, hint=hint) from None
+    # What readers meet in a broken file escapes: KeyError, zlib.error and others.
+    except Exception as error:  # noqa: BLE001
+        message = f"a broken {what}: {str(error).rstrip('.')}."
+        hint = "Write it again without a password, or as CSV."
+        raise UsageError(message, file=file, hint=hint) from None
+
+
 def load(name: str, limits: FileLimits) -> Iterator[Input]:
     """Read one path; an archive gives its members, in memory only."""
     place, part = named_part(name)
+    path = Path(place)
+    if path.is_char_device() or path.is_block_device():
+        raise UsageError("this is a device, not a file.", file=name, hint="Check the path.")
     try:
-        with Path(place).open("rb") as stream:
-            status = os.fstat(stream.fileno())
-            if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
-                raise UsageError("this is a device, not a file.", file=name, hint="Check the path.")
-            limits.hold_size(status.st_size, name)
+        with path.open("rb") as stream:
             data = stream.read(limits.size + 1)
     except OSError as error:
         raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
     limits.hold_size(len(data), name)
-    if data.startswith(_ZIP):
-        with _archive(data, name) as archive:
-            limits.hold_size(sum(member.file_size for member in archive.infolist()), name)
-            if _WORKBOOK not in archive.namelist():
-                yield from _members(archive, name, limits)
-                return
+    if data.startswith(_ZIP) and not re.match(WORKBOOK, data):
+        yield from _members(data, name, limits)
+        return
     for signature, unpack in _OPENERS.items():
         if data.startswith(signature):
             data = _unpacked(partial(unpack, io.BytesIO(data)), name, limits)
@@ -281,31 +277,46 @@ def load(name: str, limits: FileLimits) -> Iterator[Input]:
     yield Input(name, place, data, part)
 
 
-def is_workbook(data: bytes, name: str) -> bool:
-    """Whether bytes are a zip archive that is an Excel workbook."""
-    if not data.startswith(_ZIP):
-        return False
-    with _archive(data, name) as archive:
-        return _WORKBOOK in archive.namelist()
+def csv_frame(path: str, limits: FileLimits) -> pd.DataFrame:
+    """Read a CSV of numbers within the limits, packed or not.
 
+    Parameters
+    ----------
+    path : str
+        The file.
+    limits : FileLimits
+        Most bytes, unpacked too, rows and cells.
 
-def _archive(data: bytes, name: str) -> zipfile.ZipFile:
-    """Open a zip archive, or say that it is broken."""
+    Returns
+    -------
+    DataFrame
+
+    Raises
+    ------
+    UsageError
+        The file cannot be read, or passes a limit.
+    """
+    entry, *_ = load(path, limits)
     try:
-        return zipfile.ZipFile(io.BytesIO(data))
-    except _BROKEN as error:
-        raise UsageError(f"a broken archive: {error}.", file=name, hint="Pack it again.") from None
+        table = pd.read_csv(io.BytesIO(entry.data))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot be read: {error}.", file=path) from error
+    limits.hold_table(len(table), len(table.columns), path)
+    return table
 
 
-def _members(archive: zipfile.ZipFile, name: str, limits: FileLimits) -> Iterator[Input]:
-    """Unpack the tables of an archive, one by one."""
+def _members(data: bytes, name: str, limits: FileLimits) -> Iterator[Input]:
+    """Unpack the tables of a zip archive, one by one."""
+    with refusing(name, "archive"):
+        archive = zipfile.ZipFile(io.BytesIO(data))
+    limits.hold_size(sum(member.file_size for member in archive.infolist()), name)
     tables = [
         member
         for member in sorted(archive.namelist())
-        if member.lower().endswith(PACKED) and not is_hidden(PurePath(member))
+        if member.lower().endswith(_PACKED) and not _is_hidden(PurePath(member))
     ]
     if not tables:
-        raise UsageError(f"the archive holds no table ({', '.join(PACKED)}).", file=name)
+        raise UsageError(f"the archive holds no table ({', '.join(_PACKED)}).", file=name)
     for member in tables:
         content = _unpacked(partial(archive.open, member), f"{name}!{member}", limits)
         # Some archivers write backslashes.
@@ -315,14 +326,10 @@ def _members(archive: zipfile.ZipFile, name: str, limits: FileLimits) -> Iterato
 def _unpacked(packed: Callable[[], Any], name: str, limits: FileLimits) -> bytes:
     """Unpack one table, and no more of it than the limit."""
     content = io.BytesIO()
-    try:
-        with packed() as stream:
-            while (size := content.tell()) <= limits.size and (part := stream.read(_BLOCK)):
-                content.write(part)
-    except _BROKEN as error:
-        hint = "Pack it again, without a password, or unpack it first."
-        raise UsageError(f"a broken archive: {error}.", file=name, hint=hint) from None
-    limits.hold_size(size, name)
+    with refusing(name, "archive"), packed() as stream:
+        while content.tell() <= limits.size and (part := stream.read(_BLOCK)):
+            content.write(part)
+    limits.hold_size(content.tell(), name)
     return content.getvalue()
 
 
@@ -365,26 +372,20 @@ def decode(entry: Input, declared: str | None) -> tuple[str, str]:
 def _decoded(data: bytes, encoding: str, file: str) -> str:
     """Decode bytes, or say which of them is no text."""
     try:
-        # Refuses what codecs knows beside encodings of text, too.
-        io.TextIOWrapper(io.BytesIO(), encoding=encoding)
-        return codecs.getincrementaldecoder(encoding)().decode(data, final=True)
+        return data.decode(encoding)
     except LookupError:
         hint = 'Use a name such as "utf-8".'
         raise UsageError(f"unknown encoding {encoding!r}.", hint=hint) from None
     except UnicodeError as error:
-        # A missing byte-order mark is an error of decoding since Python 3.13 only.
-        if not isinstance(error, UnicodeDecodeError) or "BOM" in error.reason:
-            message = f"not text in {encoding}: {error}."
-            hint = 'Declare the byte order, [sessions] encoding = "utf-16-le", or another name.'
-            raise UsageError(message, file=file, hint=hint) from None
-        row = _row_below(data[: error.start].decode(encoding, "replace"))
-        message = f"byte 0x{data[error.start]:02x} is not text in {encoding}."
+        start = getattr(error, "start", 0)
+        row = _row_below(data[:start].decode("latin-1"))
+        message = f"byte 0x{data[start]:02x} is not text in {encoding}."
         raise UsageError(message, file=file, row=row, hint=_CSV_HINT) from None
 
 
 def _row_below(text: str) -> int:
-    """Line that a text ends on; CR LF, LF and CR each end one."""
-    return 1 + text.count("\n") + text.count("\r") - text.count("\r\n")
+    """Line that a text ends on; CR LF, LF or CR ends one."""
+    return 1 + max(text.count("\n"), text.count("\r"))
 
 
 def _refuse_no_table(text: str, file: str) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,8 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions.columns import Resolution, check_columns, resolve, unused_columns
-from percept.sessions.grid import Grid, LayoutError, refuse_headless
-from percept.sessions.inputs import Input, decode, expand, ids_from_name, is_workbook, load
+from percept.sessions.grid import Grid, LayoutError, refuse_headless, text_grid
+from percept.sessions.inputs import WORKBOOK, Input, decode, expand, ids_from_name, load
 from percept.sessions.options import ExcludeRule, ReadOptions
 from percept.sessions.quantities import factor, quantity_of, with_mass
 from percept.sessions.records import (
@@ -29,7 +30,6 @@ from percept.sessions.records import (
     Source,
     shown,
 )
-from percept.sessions.text import text_grid
 from percept.sessions.typed import grid_of, sheets, typed_grid
 from percept.sessions.values import SPACE, decimal_mark, parse_numbers
 
@@ -163,7 +163,7 @@ def open_files(paths: Sequence[str | Path], log: Log) -> Iterator[OpenFile]:
 def _parts(entry: Input, options: ReadOptions) -> list[Input]:
     """Give an input, or each sheet of a workbook if the scene wants all; its path ends in it."""
     sheet = options.sessions.sheet
-    if sheet == "*" and entry.part is None and is_workbook(entry.data, entry.name):
+    if sheet == "*" and entry.part is None and re.match(WORKBOOK, entry.data):
         return sheets(entry)
     return [replace(entry, part=entry.part or sheet)]
 
@@ -190,10 +190,8 @@ def _open_input(entry: Input, log: Log, *, named: bool) -> Iterator[OpenFile]:
 
 def open_frame(frame: pd.DataFrame, log: Log) -> Iterator[OpenFile]:
     """Take a DataFrame as a file; a row's number is its position plus 2, as below a header."""
-    limits = log.options.files
-    limits.hold_table(len(frame), len(frame.columns), "<frame>")
-    rows = [list(frame.columns), *frame.itertuples(index=False, name=None)]
-    yield _open(grid_of(rows, "<frame>", limits), {}, "", log)
+    rows = chain([list(frame.columns)], frame.itertuples(index=False, name=None))
+    yield _open(grid_of(rows, "<frame>", log.options.files), {}, "", log)
 
 
 def _open(

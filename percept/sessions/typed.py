@@ -1,7 +1,7 @@
 """Tables of typed values to rows of text: Parquet, Excel, JSON, SQLite, MATLAB and R.
 
-Nothing in the files is run. Each reader holds what a file says of its size to the limits before it
-makes the rows.
+Nothing in the files is run. Each reader gives a header and rows, which are held to the limits; what
+a file says of its size is held to them before.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 import io
 import json
 import re
+import struct
 import warnings
+import zlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -21,134 +23,81 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions import matlab
-from percept.sessions.grid import Grid
-from percept.sessions.inputs import Input, is_workbook, load
+from percept.sessions.grid import Grid, refuse_half
+from percept.sessions.inputs import WORKBOOK, Input, refusing
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, shown
-from percept.sessions.text import refuse_half
 from percept.sessions.values import loaded_json
 
+#: Cells by column: an array, a list, or a single value.
+_Columns = dict[str, Any]
 #: The header, then the rows.
-_Table = list[Sequence[Any]]
-_Reader = Callable[[Input, FileLimits], _Table]
-#: How JSON begins that holds records or lists.
-_JSON = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
-#: Bytes from the beginning that tell a format: signatures are shorter, JSON may begin with blanks.
-_BEGINNING = 256
+_Rows = Iterator[Sequence[Any]]
+_Reader = Callable[[Input, FileLimits], _Rows]
 #: Bytes of one cell of a database: more than any mouse track has.
 _LONGEST_CELL = 16 << 20
+#: Of MATLAB's files: bytes before the first variable.
+_HEADER = 128
+#: Kinds of data, as tags number them: arrays, packed variables, numbers and texts.
+_MATRIX = 14
+_COMPRESSED = 15
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"}
+_NUMBERS |= {12: "i8", 13: "u8"}
+_TEXTS = {2: "latin-1", 4: "utf-16-le", 16: "utf-8", 17: "utf-16-le", 18: "utf-32-le"}
+#: Classes of arrays. Those of numbers follow on 6.
+_CELL = 1
+_STRUCT = 2
+_CHAR = 4
+_FIRST_NUMBERS = 6
+_LAST_NUMBERS = 15
+_OBJECT = 17
+#: In an array's flags: its numbers are complex.
+_COMPLEX = 0x800
+_OBJECT_HINT = (
+    "Save it in MATLAB: writetable(T, 'T.csv'), or S = table2struct(T, 'ToScalar', true);"
+    " save('T.mat', '-struct', 'S'). First turn strings into texts: T.name = cellstr(T.name)."
+)
 _MAKE_FRAME = 'In R: write.csv(as.data.frame(OBJECT), "data.csv"), then read data.csv.'
 
 
-def _reader(entry: Input) -> _Reader | None:
-    """Return what reads a file; None for plain text."""
-    beginning = entry.data[:_BEGINNING]
-    for signature, reader in _READERS.items():
-        if beginning.startswith(signature):
-            return reader
-    if is_workbook(entry.data, entry.name):
-        return _sheet
-    return _json if _JSON.match(beginning) else None
-
-
-def csv_frame(path: str, limits: FileLimits) -> pd.DataFrame:
-    """Read a CSV of numbers within the limits, packed or not.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    limits : FileLimits
-        Most bytes, unpacked too, rows and cells.
-
-    Returns
-    -------
-    DataFrame
-
-    Raises
-    ------
-    UsageError
-        The file cannot be read, or passes a limit.
-    """
-    entry, *_ = load(path, limits)
-    try:
-        table = pd.read_csv(io.BytesIO(entry.data))
-    except (OSError, ValueError) as error:
-        raise UsageError(f"cannot be read: {error}.", file=path) from error
-    limits.hold_table(len(table), len(table.columns), path)
-    return table
-
-
 def typed_grid(entry: Input, limits: FileLimits) -> Grid | None:
-    """Read the header and rows of a table, and write their values as text; None for plain text.
+    """Read a table and write its values as text; None for plain text.
 
     Raises
     ------
     UsageError
         The file is broken, lacks the part, passes a limit, or needs a package that is missing.
     """
-    reader = _reader(entry)
-    beginning = entry.data[:_BEGINNING]
-    # MATLAB 4 has no header, and Octave has formats of its own.
-    unread = beginning.startswith((b"Octave-1-", b"# Created by Octave"))
-    unread |= entry.name.casefold().endswith(".mat") and b"\0" in beginning
-    if reader is None and unread:
-        message = "not a MATLAB file that percept reads (versions 5 to 7)."
-        raise UsageError(message, file=entry.name, hint="In Octave, save with -v7.")
-    if reader is None:
-        return None
-    with _refusing(entry):
-        rows = reader(entry, limits)
-    return grid_of(rows, entry.name, limits, has_notes=reader is _sheet)
+    for signature, reader in _READERS.items():
+        if re.match(signature, entry.data):
+            rows = reader(entry, limits)
+            return grid_of(rows, entry.name, limits, is_sheet=reader is _sheet)
+    return None
 
 
-@contextmanager
-def _refusing(entry: Input) -> Iterator[None]:
-    """Refuse a file in which a reader meets what it cannot read, or that needs another package."""
-    try:
-        yield
-    except UsageError as error:
-        error.file = entry.name
-        raise
-    except ImportError as error:
-        message = f"this file needs {error.name}."
-        hint = f"Install it: pip install {error.name}."
-        raise UsageError(message, file=entry.name, hint=hint) from None
-    # What the readers meet in a broken file escapes: KeyError, zlib.error and others.
-    except Exception as error:  # noqa: BLE001
-        message = f"a broken file: {str(error).rstrip('.')}."
-        raise UsageError(message, file=entry.name, hint="Write it again, or as CSV.") from None
-
-
-def grid_of(
-    rows: Sequence[Sequence[Any]],
-    file: str,
-    limits: FileLimits,
-    *,
-    has_notes: bool = False,
-) -> Grid:
+def grid_of(rows: _Rows, file: str, limits: FileLimits, *, is_sheet: bool = False) -> Grid:
     """Write a header and rows of values as text, within the limits.
 
     Raises
     ------
     UsageError
-        There is no row below a header, the texts pass the limit, or one cannot be written.
+        There is no row below a header, the table passes a limit, or a text cannot be written.
     """
-    texts = enumerate(_texts(rows, file, limits), 1)
-    return Grid(texts, file, has_notes=has_notes)
+    return Grid(_texts(rows, file, limits), file, is_sheet=is_sheet)
 
 
-def _texts(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Iterator[list[str]]:
+def _texts(rows: _Rows, file: str, limits: FileLimits) -> Iterator[tuple[int, list[str]]]:
     """Write the cells of each row; a file may hold one long text many times."""
     size = 0
-    for number, row in enumerate(rows, 1):
-        texts = [_text(value) for value in row]
-        joined = "".join(texts)
-        refuse_half(joined, file, number)
-        size += len(joined)
-        limits.hold_size(size, file)
-        yield texts
+    with refusing(file):
+        for number, row in enumerate(rows, 1):
+            limits.hold_table(number, len(row), file)
+            texts = [_text(value) for value in row]
+            joined = "".join(texts)
+            refuse_half(joined, file, number)
+            size += len(joined)
+            limits.hold_size(size, file)
+            yield number, texts
 
 
 def _text(value: Any) -> str:
@@ -166,24 +115,22 @@ def _chosen(names: Sequence[str], entry: Input, remedy: str = "") -> str:
     if len(wanted) == 1:
         return wanted[0]
     if not names:
-        raise NoDataError("the file holds no table.", file=entry.name, hint="Leave it out.")
+        raise NoDataError("the file holds no table.", hint="Leave it out.")
     what = "several tables" if entry.part is None else "no such table"
-    message = f"the file holds {what}; there are {shown(names)}."
     place = entry.name.partition("::")[0]
-    hint = f"Name one behind two colons: {place}::{names[0]}. {remedy}"
-    raise UsageError(message, file=entry.name, hint=hint.strip())
+    hint = f"Name one behind two colons: {place}::{names[0]}. {remedy}".strip()
+    raise UsageError(f"the file holds {what}; there are {shown(names)}.", hint=hint)
 
 
-def _side_by_side(columns: matlab.Columns, entry: Input, limits: FileLimits) -> _Table:
+def _side_by_side(columns: _Columns, limits: FileLimits, file: str) -> _Rows:
     """Put columns side by side; columns of another length than most are no part of the table."""
     lists = {name: [cells] if np.ndim(cells) == 0 else cells for name, cells in columns.items()}
     lengths = Counter(map(len, lists.values()))
-    if not lengths:
-        return []
     length = lengths.most_common(1)[0][0]
     table = {name: cells for name, cells in lists.items() if len(cells) == length}
-    limits.hold_table(length, len(table), entry.name)
-    return [list(table), *zip(*(map(_plain, cells) for cells in table.values()), strict=True)]
+    limits.hold_table(length, len(table), file)
+    yield list(table)
+    yield from zip(*(map(_plain, cells) for cells in table.values()), strict=True)
 
 
 def _plain(item: Any) -> Any:
@@ -195,23 +142,21 @@ def _plain(item: Any) -> Any:
     return int(item) if isinstance(item, float) and item.is_integer() else item
 
 
-def _parquet(entry: Input, limits: FileLimits) -> _Table:
+def _parquet(entry: Input, limits: FileLimits) -> _Rows:
     """Read a Parquet file, whose footer states its size."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    from pyarrow import parquet
 
-    buffer = pa.BufferReader(entry.data)
-    size = pq.read_metadata(buffer)
-    limits.hold_table(size.num_rows, size.num_columns, entry.name)
-    table = pq.read_table(pa.BufferReader(entry.data))
-    columns = [column.to_pylist() for column in table.columns]
-    return [table.column_names, *zip(*columns, strict=True)]
+    file = parquet.ParquetFile(io.BytesIO(entry.data))
+    limits.hold_table(file.metadata.num_rows, file.metadata.num_columns, entry.name)
+    yield file.schema_arrow.names
+    for batch in file.iter_batches():
+        yield from zip(*(column.to_pylist() for column in batch.columns), strict=True)
 
 
 def sheets(entry: Input) -> list[Input]:
     """Give each sheet of a workbook that has a cell with a value as an input of its own."""
     found = []
-    with _refusing(entry):
+    with refusing(entry.name):
         for page in _workbook(entry):
             rows = page.iter_rows(values_only=True)
             if any(value is not None for row in rows for value in row):
@@ -228,45 +173,24 @@ def _workbook(entry: Input, *, values: bool = True) -> Any:
     return openpyxl.load_workbook(io.BytesIO(entry.data), read_only=True, data_only=values)
 
 
-def _sheet(entry: Input, limits: FileLimits) -> _Table:
-    """Read a sheet; all rows are as wide as the widest."""
+def _sheet(entry: Input, limits: FileLimits) -> _Rows:
+    """Read a sheet; rows end with their last cell that is not blank."""
     book = _workbook(entry)
     names = book.sheetnames
     if entry.part is None:
         names = [sheet.part for sheet in sheets(entry)] or names[:1]
-    remedy = 'Or read all that are alike: [sessions] sheet = "*".'
-    name = _chosen(names, entry, remedy)
-    rows = list(_ragged(book[name], _workbook(entry, values=False)[name], entry.name, limits))
-    if not rows:
-        hint = "Name another with [sessions] sheet."
-        raise UsageError("the sheet is empty.", file=entry.name, hint=hint)
-    widest = max(map(len, rows))
-    return [row + [""] * (widest - len(row)) for row in rows]
-
-
-def _ragged(
-    page: Any,
-    written: Any,
-    file: str,
-    limits: FileLimits,
-) -> Iterator[list[Any]]:
-    """Give the rows of a sheet without their trailing blank cells."""
-    # The size that a sheet states may be wrong.
-    page.reset_dimensions()
-    written.reset_dimensions()
-    blank_rows = 0
+    name = _chosen(names, entry, 'Or read all that are alike: [sessions] sheet = "*".')
+    pages = [book[name], _workbook(entry, values=False)[name]]
+    for page in pages:
+        # The size that a sheet states may be wrong.
+        page.reset_dimensions()
     width = 0
-    for number, rows in enumerate(zip(page.iter_rows(), written.iter_rows(), strict=True), 1):
+    for number, rows in enumerate(zip(*(page.iter_rows() for page in pages), strict=True), 1):
         values = [_sheet_value(*cells) for cells in zip(*rows, strict=True)]
         while values and values[-1] == "":
             values.pop()
         width = max(width, len(values))
-        limits.hold_table(number, width, file)
-        if not values:
-            blank_rows += 1
-            continue
-        yield from ([] for _ in range(blank_rows))
-        blank_rows = 0
+        limits.hold_table(number, width, entry.name)
         yield values
 
 
@@ -283,29 +207,26 @@ def _sheet_value(cell: Any, written: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _json(entry: Input, limits: FileLimits) -> _Table:
+def _json(entry: Input, limits: FileLimits) -> _Rows:
     """Read records: a list of objects, one behind each key, columns as lists, or JSON Lines."""
     text = entry.data.decode("utf-8-sig")
     try:
-        values = [loaded_json(text)]
+        values = loaded_json(text)
     except ValueError:
         values = [loaded_json(line) for line in text.splitlines() if line.strip()]
-    if len(values) == 1 and isinstance(values[0], dict):
-        lists = {key: value for key, value in values[0].items() if isinstance(value, list)}
+    if isinstance(values, dict):
+        lists = {key: value for key, value in values.items() if isinstance(value, list)}
         if any(value and not isinstance(value[0], dict) for value in lists.values()):
-            return _side_by_side(lists, entry, limits)
+            yield from _side_by_side(lists, limits, entry.name)
+            return
         if lists:
-            values = [lists[_chosen(list(lists), entry)]]
-    records = list(_flat(values))
+            values = lists[_chosen(list(lists), entry)]
+    records = list(_flat([values]))
     if not all(isinstance(record, dict) for record in records):
-        message = "this JSON is not a list of records."
-        raise UsageError(message, file=entry.name, hint="Export the table as CSV.")
-    keys: dict[str, None] = {}
-    for record in records:
-        keys.update(dict.fromkeys(record))
-    limits.hold_table(len(records), len(keys), entry.name)
-    rows = [[_json_cell(record.get(key)) for key in keys] for record in records]
-    return [list(keys), *rows]
+        raise UsageError("this JSON is not a list of records.", hint="Export the table as CSV.")
+    keys = list(dict.fromkeys(key for record in records for key in record))
+    yield keys
+    yield from ([_json_cell(record.get(key)) for key in keys] for record in records)
 
 
 def _flat(values: Sequence[Any]) -> Iterator[Any]:
@@ -317,56 +238,148 @@ def _flat(values: Sequence[Any]) -> Iterator[Any]:
             yield value
 
 
-def _json_cell(value: Any) -> str:
-    """Write a value of a record as the text of a cell; what is nested stays JSON."""
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+def _json_cell(value: Any) -> Any:
+    """Write what is nested, true or false as JSON does."""
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list | bool) else value
 
 
-def _database(entry: Input, limits: FileLimits) -> _Table:
+def _database(entry: Input, limits: FileLimits) -> _Rows:
     """Read a table of an SQLite database; its views and triggers are not used."""
     import sqlite3
 
     with closing(sqlite3.connect(":memory:")) as connection:
         connection.deserialize(entry.data)
+        # A generated column is worked out here: it takes no room in the file.
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_CELL)
         connection.execute("PRAGMA trusted_schema = OFF")
         listing = "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
         names = [name for (name,) in connection.execute(listing)]
         table = _chosen(names, entry).replace('"', '""')
         cursor = connection.execute(f'SELECT * FROM "{table}"')
-        rows: _Table = [[column[0] for column in cursor.description]]
-        size = 0
-        for row in cursor:
-            limits.hold_table(len(rows), len(row), entry.name)
-            # A generated column is worked out here: it takes no room in the file.
-            size += sum(len(value) for value in row if isinstance(value, str | bytes))
-            limits.hold_size(size, entry.name)
-            rows.append(row)
-    return rows
+        yield [column[0] for column in cursor.description]
+        yield from cursor
 
 
-def _matlab(entry: Input, limits: FileLimits) -> _Table:
+def _matlab(entry: Input, limits: FileLimits) -> _Rows:
     """Read a struct of columns, an array of structs, a matrix, or vectors of one length."""
-    found, alone = matlab.tables(entry.data, entry.name, limits)
+    found: dict[str, _Columns] = {}
+    alone: _Columns = {}
+    for name, value in _variables(entry, limits):
+        if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+            value = _below_one_another(value, entry.name, limits)
+        elif np.ndim(value) == 2:
+            value = {f"column {number}": cells for number, cells in enumerate(value.T, 1)}
+        if isinstance(value, dict):
+            found[name] = value
+        else:
+            alone[name] = value
     # Structs of single values say something about the table.
     tables = [
         name
         for name, columns in found.items()
         if max(map(np.size, columns.values()), default=0) > 1
     ]
-    if entry.part is None and not tables:
-        if alone or not found:
-            return _side_by_side(alone, entry, limits)
+    if entry.part is None and not tables and alone:
+        yield from _side_by_side(alone, limits, entry.name)
+        return
+    if entry.part is None and found and not tables:
         message = f"{shown(list(found))} hold no columns of one length, and no rows."
         hint = "Save the table alone. In MATLAB: T = study.trials; save('T.mat', 'T', '-v7')."
-        raise NoDataError(message, file=entry.name, hint=hint)
+        raise NoDataError(message, hint=hint)
     name = _chosen(tables if entry.part is None else list(found), entry)
-    return _side_by_side(found[name], entry, limits)
+    yield from _side_by_side(found[name], limits, entry.name)
 
 
-def _r(entry: Input, limits: FileLimits) -> _Table:
+def _below_one_another(structs: Sequence[Any], file: str, limits: FileLimits) -> _Columns:
+    """Columns of an array of structs; where a struct holds vectors, its single values repeat."""
+    frame = pd.DataFrame(structs, dtype=object)
+    sizes = frame.map(np.size)
+    limits.hold_table(int(sizes.max(axis=1).sum()), len(frame.columns), file)
+    vectors = [name for name in frame if (sizes[name] != 1).any()]
+    if vectors:
+        frame = frame.explode(vectors)
+    return {str(name): column for name, column in frame.items()}
+
+
+def _variables(entry: Input, limits: FileLimits) -> Iterator[tuple[str, Any]]:
+    """Give each variable's name and value; only what the bytes hold is made, whatever they state.
+
+    A struct is a dict, an array of structs or a cell array a list, a text a str, and numbers are an
+    array of one or two axes.
+    """
+    size = 0
+    for kind, element in _elements(memoryview(entry.data)[_HEADER:], padded=False):
+        if kind == _COMPRESSED:
+            content = zlib.decompressobj().decompress(element, limits.size + 1 - size)
+            size += len(content)
+            limits.hold_size(size, entry.name)
+            kind, element = next(_elements(memoryview(content)))
+        if kind == _MATRIX and element:
+            yield _array(element)
+
+
+def _elements(data: memoryview, *, padded: bool = True) -> Iterator[tuple[int, memoryview]]:
+    """Give each element's kind and bytes."""
+    at = 0
+    while at < len(data):
+        kind, size = struct.unpack_from("<II", data, at)
+        start = at + 8
+        at = start + size + (-size % 8 if padded else 0)
+        if kind >> 16:
+            # A value of up to four bytes stands in the tag itself.
+            kind, size = kind & 0xFFFF, kind >> 16
+            at = start
+            start -= 4
+        if start + size > len(data):
+            raise ValueError("a value is cut short")
+        yield kind, data[start : start + size]
+
+
+def _array(data: memoryview) -> tuple[str, Any]:
+    """Read one array: its name and value."""
+    (_, flags), (_, second), *rest = _elements(data)
+    (flag,) = struct.unpack_from("<I", flags)
+    kind = flag & 0xFF
+    if kind == _OBJECT:
+        name = bytes(second).decode() or "it"
+        message = f"{name} is a {bytes(rest[1][1]).decode()} of MATLAB, an object that only MATLAB"
+        raise UsageError(f"{message} reads.", hint=_OBJECT_HINT)
+    shape = tuple(np.frombuffer(second, "<i4"))
+    name = bytes(rest[0][1]).decode()
+    values = rest[1:]
+    if kind == _CELL:
+        return name, [_array(element)[1] for _, element in values]
+    if kind == _STRUCT:
+        return name, _structs(values)
+    if kind == _CHAR:
+        ((encoding, letters),) = values
+        text = bytes(letters).decode(_TEXTS[encoding])
+        rows = np.array(list(text), dtype=str).reshape(shape, order="F")
+        texts = ["".join(row).rstrip() for row in rows]
+        return name, texts[0] if len(texts) == 1 else texts
+    if not _FIRST_NUMBERS <= kind <= _LAST_NUMBERS or flag & _COMPLEX:
+        # A function, a sparse array or complex numbers are no column.
+        return name, ""
+    element, packed = values[0]
+    numbers = np.frombuffer(packed, f"<{_NUMBERS[element]}").reshape(shape, order="F")
+    return name, numbers.ravel() if 1 in shape else numbers
+
+
+def _structs(values: Sequence[tuple[int, memoryview]]) -> Any:
+    """Read the fields of a struct, or of an array of structs."""
+    (_, length), (_, packed), *fields = values
+    (each,) = struct.unpack_from("<i", length)
+    texts = [bytes(packed[at : at + each]) for at in range(0, len(packed), each)]
+    names = [text.split(b"\0")[0].decode() for text in texts]
+    cells = [_array(element)[1] for _, element in fields]
+    width = len(names)
+    structs = [
+        dict(zip(names, cells[at : at + width], strict=True)) for at in range(0, len(cells), width)
+    ]
+    return structs[0] if len(structs) == 1 else structs or {name: [] for name in names}
+
+
+def _r(entry: Input, limits: FileLimits) -> _Rows:
     """Read a data frame of an .rds, .rda or .RData file."""
     import rdata
 
@@ -375,10 +388,8 @@ def _r(entry: Input, limits: FileLimits) -> _Table:
     def within_limits(construct: Callable[[Any], Any], state: Any) -> Any:
         """Make a sequence, which R writes as its length alone, unless it passes a limit."""
         nonlocal made
-        length = int(state.value[0])
-        made += length
-        limits.hold_table(length, 1, entry.name)
-        limits.hold_table(1, made, entry.name)
+        made += int(state.value[0])
+        limits.hold_table(made, 1, entry.name)
         return construct(state)
 
     constructors = dict(rdata.parser.DEFAULT_ALTREP_MAP)
@@ -396,20 +407,17 @@ def _r(entry: Input, limits: FileLimits) -> _Table:
     objects = found if isinstance(found, dict) else {"": found}
     frames = {str(name): value for name, value in objects.items() if hasattr(value, "columns")}
     if not frames:
-        message = "there is no data frame in this R file."
-        raise NoDataError(message, file=entry.name, hint=_MAKE_FRAME)
+        raise NoDataError("there is no data frame in this R file.", hint=_MAKE_FRAME)
     frame = frames[_chosen(list(frames), entry)]
-    limits.hold_table(len(frame), len(frame.columns), entry.name)
-    return _side_by_side({str(name): frame[name] for name in frame}, entry, limits)
+    yield from _side_by_side({str(name): frame[name] for name in frame}, limits, entry.name)
 
 
-#: How files begin, and what reads them.
+#: How files begin, and what reads them; of JSON those that hold records or lists.
 _READERS: dict[bytes, _Reader] = {
-    b"PAR1": _parquet,
-    b"SQLite format 3": _database,
-    b"MATLAB 5": _matlab,
-    b"MATLAB 7": _matlab,
-    b"RDX2\n": _r,
-    b"RDX3\n": _r,
-    b"X\n\0\0\0": _r,
+    rb"PAR1": _parquet,
+    rb"SQLite format 3": _database,
+    rb"MATLAB 5": _matlab,
+    rb"RDX[23]\n|X\n\0\0\0": _r,
+    WORKBOOK: _sheet,
+    rb"(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])": _json,
 }

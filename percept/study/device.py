@@ -33,9 +33,9 @@ from percept.inference.record import Family
 from percept.results import Coupling as JudgedCoupling
 from percept.results import Membership, Shape, Skipped
 from percept.scene import DeviceTable, FrequencyTable, Scene
+from percept.sessions.inputs import csv_frame
 from percept.sessions.options import FileLimits
 from percept.sessions.quantities import is_impedance
-from percept.sessions.typed import csv_frame
 from percept.study.basics import Array, Stream, generator
 from percept.study.data import Data
 from percept.study.regions import Region

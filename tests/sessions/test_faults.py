@@ -91,12 +91,6 @@ IN_TEXT = {
         "the first row looks like data: 'P1', 'soft', '1', '500',",
         "Write the names of the columns in a line above it, such as subject,environment,",
     ),
-    "runs of spaces": (
-        [f"{'  '.join(f'{cell:9}' for cell in line.split(','))}" for line in lines()],
-        (1, None, None),
-        "runs of spaces align the columns, which percept does not read.",
-        "Save the table as CSV: writetable(T, 'trials.csv') in MATLAB, write.csv in R;",
-    ),
     "merged cells": (
         [HEAD, *(",".join(map(str, row if row[2] == 1 else ["", *row[1:]])) for row in rows())],
         (3, "subject", None),
@@ -140,6 +134,14 @@ AROUND = {
     ),
     "a row of units": ([HEAD, ",,,N/m,[N/m]", *lines()[1:]], (2, UNITS)),
 }
+
+
+def test_runs_of_spaces_separate_aligned_columns(tmp_path):
+    whole = read_sessions(csv_file(tmp_path, lines()))
+    aligned = ["".join(f" {cell:11}" for cell in line.split(",")) for line in lines()]
+    assert read_sessions(csv_file(tmp_path, aligned)).table.equals(whole.table)
+    aligned[2] = aligned[2].replace("soft", "    ")
+    assert refusal(csv_file(tmp_path, aligned)).message == "4 cells where the header has 5."
 
 
 @pytest.mark.parametrize("name", AROUND)

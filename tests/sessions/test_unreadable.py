@@ -80,7 +80,7 @@ def test_a_workbook_that_breaks_off_is_refused(tmp_path, sheet):
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
-        ([], "the sheet is empty. Name another with"),
+        ([], "the file has no header. Leave it out"),
         ([["subject", "k_adj"]], "there are no data below the"),
     ],
 )
@@ -106,13 +106,12 @@ def test_a_cell_without_end(tmp_path):
         read_sessions(file)
 
 
-def test_utf_16_without_a_mark_asks_for_the_byte_order(tmp_path):
+def test_utf_16_without_a_mark_asks_for_the_encoding(tmp_path):
     path = tmp_path / "t.csv"
     path.write_bytes(ROWS.decode().encode("utf-16-le"))
-    with pytest.raises(UsageError) as caught:
-        read_sessions(path, scene=Scene(sessions={"encoding": "utf-16"}))
-    assert "t.csv: not text in utf-16: " in str(caught.value)
-    assert 'encoding = "utf-16-le"' in caught.value.hint
+    with pytest.raises(UsageError, match="t.csv:1: a NUL character") as caught:
+        read_sessions(path)
+    assert 'declare [sessions] encoding = "utf-16-le".' in caught.value.hint
     assert read_sessions(path, scene=Scene(sessions={"encoding": "utf-16-le"})).subjects
 
 
