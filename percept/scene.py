@@ -23,8 +23,7 @@ from pydantic import (
 from percept.errors import UsageError
 from percept.html import fields_html
 from percept.scene_device import CouplingTable, DeviceTable, ModeTable, Positive
-from percept.sessions.formula import Term, model_terms, terms_of
-from percept.sessions.options import DataTables, usage_error
+from percept.sessions.options import DataTables, Term, model_terms, terms_of, usage_error
 from percept.sessions.quantities import Table, amount_in, is_impedance, known_key
 
 __all__ = [

@@ -16,7 +16,7 @@ from percept.cli import main
 from percept.errors import RefusalError, UsageError
 from percept.report import rewrite_report
 from percept.sessions import ReadOptions
-from percept.sessions.formula import terms_of
+from percept.sessions.options import terms_of
 from tests.documents import build_document
 
 FILES = {"size": 100_000}
@@ -38,7 +38,7 @@ def trials(environment="hard"):
     ("formula", "message"),
     [
         ("*".join(f"c{i}" for i in range(40)), "has more than 200 terms"),
-        ("+".join(["a"] * 20_000), "has more than 2,000 characters"),
+        ("+".join(["a"] * 20_000 + ["b:c"]), "has an interaction without b"),
         ("(" * 900 + "a" + ")" * 900, "is not a formula"),
     ],
 )

@@ -40,7 +40,7 @@ from percept.report.basics import (
     value,
 )
 from percept.results import ContrastRow, IntervalRow, PsychophysicsRow, Results
-from percept.sessions.formula import TRIAL_REFERENCE
+from percept.sessions.options import TRIAL_REFERENCE
 
 #: What measures are called, in the order of the page. The PSE is the mean that stands elsewhere.
 _MEASURES = {

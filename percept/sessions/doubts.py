@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from percept.errors import counted
 from percept.sessions.merged import by_environment
-from percept.sessions.options import ReadOptions
-from percept.sessions.quantities import Quantity
 from percept.sessions.records import MOST_CONDITIONS, Factors, Found, shown
+
+if TYPE_CHECKING:
+    from percept.sessions.read import Sessions
 
 #: Numbers that stand for a missing value: -999, 9999 and others of nines, in any unit.
 _CODE = re.compile(r"99+0*")
@@ -32,7 +32,6 @@ _LOGARITHMIC = re.compile(r"db.*|bels?|np|phons?|cents?|semitones?|octaves?|deca
 #: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
 _ENOUGH = 4
 
-
 #: Decades from the median of the others (a factor of 30) that are hardly ever a person's.
 _GROSS = float(np.log10(30.0))
 #: Subjects an environment needs for its median to say anything of one of them.
@@ -46,38 +45,26 @@ _LOOKED_AT = 0.5 * (1.0 - _NEAR_TEN)
 _MOST_LOOKED_AT = 1_000
 #: SDs of the other trials beyond which a value is no ordinary one: one in 16,000 of normal ones.
 _FAR = 4.0
-#: SD in decades that subjects usually have: a factor of 1.4.
+#: SD in decades that subjects usually have, a factor of 1.4, and the degrees of freedom that it
+#: counts for beside the other trials.
 _USUAL_SD = 0.15
+_USUAL_FREEDOM = 3.0
 #: SDs between the quartiles of normal values.
 _QUARTILES = 1.349
-#: Degrees of freedom that the scatter elsewhere counts for beside that of the environment itself.
-_ELSEWHERE = 3.0
 
 
-@dataclass(frozen=True)
-class Trials:
-    """The trials of a study, and how they were read."""
-
-    table: pd.DataFrame
-    quantities: Sequence[Quantity]
-    options: ReadOptions
-    factors: Factors | None
-
-
-def doubts(trials: Trials) -> Iterator[Found]:
+def doubts(sessions: Sessions) -> Iterator[Found]:
     """Find what is seldom meant. Nothing is left out: that is for the analyst to declare."""
-    for quantity in trials.quantities:
-        for check_one in _CHECKS_OF_A_QUANTITY:
-            yield from check_one(trials, quantity.name)
-    for check in _CHECKS:
-        yield from check(trials)
+    for check in _CHECKS if sessions.form == "trials" else (_logarithms,):
+        yield from check(sessions)
 
 
-def logarithms(references: pd.DataFrame, quantities: Sequence[Quantity]) -> Iterator[Found]:
-    """Warn of quantities whose unit has no ratios; `references` has a column for each of them."""
-    for quantity in quantities:
+def _logarithms(sessions: Sessions) -> Iterator[Found]:
+    """Warn of quantities whose unit has no ratios."""
+    for quantity in sessions.adjusted:
         name = quantity.name
-        if _LOGARITHMIC.fullmatch(quantity.unit.casefold()) and references[name].fillna(0).any():
+        references = sessions.references[name].fillna(0)
+        if _LOGARITHMIC.fullmatch(quantity.unit.casefold()) and references.any():
             text = (
                 f"{quantity.label} in {quantity.unit} is a logarithm, so that ratios of its values"
                 f" mean nothing. Analyse its errors instead: give {name}_adj a column of adjusted −"
@@ -87,19 +74,18 @@ def logarithms(references: pd.DataFrame, quantities: Sequence[Quantity]) -> Iter
             yield Found(text, f"{name}_adj")
 
 
-def _slips(trials: Trials) -> Iterator[Found]:
-    """Name values that look mistyped."""
-    found = list(slips(trials.table, trials.quantities))
-    for slip in found[:_MOST_SLIPS]:
-        yield Found(f"{slip.text}: mistyped?", f"{slip.parameter}_adj", slip.index)
-    if len(found) > _MOST_SLIPS:
-        yield Found(f"{counted(len(found) - _MOST_SLIPS, 'more value')} may be mistyped")
+def _first_slips(sessions: Sessions) -> Iterator[Found]:
+    """Name the values that look mistyped; of many the first."""
+    yield from sessions.slips[:_MOST_SLIPS]
+    if len(sessions.slips) > _MOST_SLIPS:
+        more = counted(len(sessions.slips) - _MOST_SLIPS, "more value")
+        yield Found(f"{more} may be mistyped")
 
 
-def _copies(trials: Trials) -> Iterator[Found]:
+def _copies(sessions: Sessions) -> Iterator[Found]:
     """Name subjects whose settings are those of another subject, value by value."""
-    columns = [f"{quantity.name}_adj" for quantity in trials.quantities]
-    ordered = trials.table.sort_values(["environment", "session", "trial"], kind="stable")
+    columns = [f"{quantity.name}_adj" for quantity in sessions.adjusted]
+    ordered = sessions.table.sort_values(["environment", "session", "trial"], kind="stable")
     first_of: dict[tuple[object, ...], str] = {}
     for subject, rows in ordered.groupby("subject", sort=False):
         settings = rows[columns].to_numpy(dtype=float)
@@ -118,9 +104,9 @@ def _copies(trials: Trials) -> Iterator[Found]:
         yield Found(text, "subject", rows.index.min())
 
 
-def _single_trials(trials: Trials) -> Iterator[Found]:
+def _single_trials(sessions: Sessions) -> Iterator[Found]:
     """Warn of references that differ on every trial."""
-    counts = trials.table["environment"].value_counts(sort=False)
+    counts = sessions.table["environment"].value_counts(sort=False)
     single = int((counts == 1).sum())
     if len(counts) > MOST_CONDITIONS and single > len(counts) / 2:
         text = (
@@ -145,61 +131,43 @@ def _missing_codes(values: pd.Series[float]) -> list[float]:
     return codes
 
 
-def _codes(trials: Trials, parameter: str) -> Iterator[Found]:
+def _codes(sessions: Sessions) -> Iterator[Found]:
     """Ask whether a number is a code for a missing value."""
-    column = f"{parameter}_adj"
-    values = trials.table[column].dropna()
-    for code in _missing_codes(values):
-        rows = values.index[values == code]
-        limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
-        verb = "is" if len(rows) == 1 else "are"
-        text = (
-            f"{counted(len(rows), 'value')} of {parameter} {verb} {code:g}: a code for a"
-            " missing value? Then [sessions] exclude ="
-            f' [{{ column = "{column}", {limit}, why = "missing" }}] leaves such rows out.'
-        )
-        yield Found(text, column, rows[0])
-
-
-def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Found]:
-    """Count zeros and negative values, and say which way out fits them."""
-    column = f"{parameter}_adj"
-    reference = f"{parameter}_ref"
-    known = trials.table.dropna(subset=column)
-    values = known[column]
-    low = known[values <= 0]
-    if low.empty or set(low[column]) <= set(_missing_codes(values)):
-        return
-    few = len(low) <= _FEW * len(known)
-    few_zeros = few and bool((low[column] == 0).all())
-    no_ratio = bool((low[reference] <= 0).any())
-    # The normal family takes zeros and negative values; only a few zeros are doubted there.
-    if trials.options.family != "lognormal" and (no_ratio or not few_zeros):
-        return
-    way = 'To leave out this many biases the rest: set family = "normal" in [inference].'
-    if no_ratio:
-        way = (
-            'References of zero or below have no ratio: set family = "normal" in [inference] and'
-            " scale in [model]."
-        )
-    elif few:
-        least = float(values[values > 0].min())
-        why = "no adjustment" if few_zeros else "slip of sign"
-        way = (
-            "If nobody meant that, [sessions] exclude ="
-            f' [{{ column = "{column}", below = {least!r}, why = "{why}" }}] leaves such trials out'
-            " and logs them."
-        )
-        if few_zeros:
-            way += (
-                " If zero is an end of the control, limits = [0.0, inf] below"
-                f" [quantities.{parameter}] leaves them out and counts them."
+    for quantity in sessions.adjusted:
+        column = f"{quantity.name}_adj"
+        values = sessions.table[column].dropna()
+        for code in _missing_codes(values):
+            rows = values.index[values == code]
+            limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
+            verb = "is" if len(rows) == 1 else "are"
+            text = (
+                f"{counted(len(rows), 'value')} of {quantity.name} {verb} {code:g}: a code for a"
+                " missing value? Then [sessions] exclude ="
+                f' [{{ column = "{column}", {limit}, why = "missing" }}] leaves such rows out.'
             )
-        way += ' If people meant it, set family = "normal" in [inference].'
-    text = f"{_share(len(low), len(known), parameter)} zero or negative, here the first. {way}"
-    if not no_ratio:
-        text += f" There are {by_environment(known, values <= 0)}."
-    yield Found(text, column, low.index[0])
+            yield Found(text, column, rows[0])
+
+
+def _without_logarithm(sessions: Sessions) -> Iterator[Found]:
+    """Count the zeros and negative values of a lognormal family, and say both ways out."""
+    for quantity in sessions.adjusted if sessions.options.family == "lognormal" else ():
+        column = f"{quantity.name}_adj"
+        known = sessions.table.dropna(subset=column)
+        values = known[column]
+        is_low = values <= 0
+        if set(values[is_low]) <= set(_missing_codes(values)):
+            continue
+        text = f"{_share(int(is_low.sum()), len(known), quantity.name)} zero or negative, here the"
+        text += f" first: {by_environment(known, is_low)}. If people meant it, set family ="
+        text += ' "normal" in [inference], and scale in [model] for references of zero or below.'
+        if not is_low.all():
+            least = float(values[~is_low].min())
+            text += (
+                " If nobody meant it, [sessions] exclude ="
+                f' [{{ column = "{column}", below = {least!r}, why = "not meant" }}] leaves such'
+                " trials out and logs them. To leave out many biases the rest."
+            )
+        yield Found(text, column, is_low.idxmax())
 
 
 def _share(count: int, total: int, parameter: str) -> str:
@@ -208,27 +176,28 @@ def _share(count: int, total: int, parameter: str) -> str:
     return f"{counted(count, 'value')} of {parameter} ({count / total:.1%} of {total:,}) {verb}"
 
 
-def _at_a_limit(trials: Trials, parameter: str) -> Iterator[Found]:
+def _at_a_limit(sessions: Sessions) -> Iterator[Found]:
     """Warn where many more values equal the largest or least than the one next to it."""
-    column = f"{parameter}_adj"
-    values = trials.table[column]
-    counts = values.value_counts().sort_index()
-    if len(counts) < 3:
-        return
-    for extreme, beside, which, way in ((-1, -2, "largest", "above"), (0, 1, "least", "below")):
+    for quantity, (extreme, beside, which) in product(
+        sessions.adjusted, ((-1, -2, "largest"), (0, 1, "least"))
+    ):
+        column = f"{quantity.name}_adj"
+        values = sessions.table[column]
+        counts = values.value_counts().sort_index()
+        # Zeros have a warning of their own.
+        if len(counts) < 3 or counts.index[extreme] <= 0:
+            continue
         count = int(counts.iloc[extreme])
         value = float(counts.index[extreme])
-        many = count >= max(_ENOUGH, _FEW * counts.sum(), 3 * counts.iloc[beside])
-        # Zeros have a warning of their own.
-        if not many or value <= 0:
+        if count < max(_ENOUGH, _FEW * counts.sum(), 3 * counts.iloc[beside]):
             continue
-        limits = f"[-inf, {value:g}]" if way == "above" else f"[{value:g}, inf]"
+        limits = f"[-inf, {value:g}]" if which == "largest" else f"[{value:g}, inf]"
         at_limit = values == value
         text = (
-            f"{_share(count, counts.sum(), parameter)} the {which} of all, {value:g}: the limit of"
-            f" the control? There are {by_environment(trials.table, at_limit)}. Such a value"
-            f" says only that the adjustment lies {way} it, and makes the spread too small."
-            f" [quantities.{parameter}] limits = {limits} leaves them out, counts them and logs"
+            f"{_share(count, counts.sum(), quantity.name)} the {which} of all, {value:g}: the limit"
+            f" of the control? There are {by_environment(sessions.table, at_limit)}. Such a value"
+            " says only that the adjustment lies beyond it, and makes the spread too small."
+            f" [quantities.{quantity.name}] limits = {limits} leaves them out, counts them and logs"
             " them."
         )
         yield Found(text, column, at_limit.idxmax())
@@ -263,11 +232,11 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[
             yield subject, name
 
 
-def _empty_cells(trials: Trials) -> Iterator[Found]:
+def _empty_cells(sessions: Sessions) -> Iterator[Found]:
     """Name the subjects that lack an environment."""
-    cells = empty_cells(trials.table, trials.factors)
+    cells = empty_cells(sessions.table, sessions.factors)
     lacking = [f"{subject} at {name}" for subject, name in cells]
-    of_subjects = trials.table.groupby("subject", sort=False)["environment"].nunique()
+    of_subjects = sessions.table.groupby("subject", sort=False)["environment"].nunique()
     if lacking and len(of_subjects) > 1 and (of_subjects == 1).all():
         yield Found("each subject met one environment: environments are groups of subjects")
     elif lacking:
@@ -275,10 +244,10 @@ def _empty_cells(trials: Trials) -> Iterator[Found]:
         yield Found(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
 
 
-def _pooled(trials: Trials) -> Iterator[Found]:
+def _pooled(sessions: Sessions) -> Iterator[Found]:
     """Say how groups that the analysis does not tell apart are analysed."""
-    for column in trials.options.pooled(trials.table.columns):
-        levels = trials.table.groupby(column, sort=False)["subject"].nunique()
+    for column in sessions.options.pooled(sessions.table.columns):
+        levels = sessions.table.groupby(column, sort=False)["subject"].nunique()
         if len(levels) < 2:
             continue
         sizes = ", ".join(
@@ -292,47 +261,35 @@ def _pooled(trials: Trials) -> Iterator[Found]:
         yield Found(text, column)
 
 
-@dataclass(frozen=True)
-class Slip:
-    """One adjustment that may be mistyped, and the other trials of its environment."""
-
-    index: int  # Label of its row in the table of trials
-    environment: str
-    parameter: str
-    text: str  # The value, and what lets one doubt it
-
-
-def slips(table: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Slip]:
-    """Find adjustments that look mistyped, by quantity and in the order of the rows.
+def slips(sessions: Sessions) -> Iterator[Found]:
+    """Name adjustments that look mistyped, by quantity and in the order of the rows.
 
     Parameters
     ----------
-    table : DataFrame
-        Trials as `Sessions.table` has them.
-    quantities : iterable of Quantity
-        What was adjusted.
+    sessions : Sessions
+        Trials.
 
     Yields
     ------
-    Slip
+    Found
         A value about ten times, or a tenth of, what the others and the same subject's other trials
         lead one to expect; or thirty times off the median of the others, either way.
     """
-    for quantity in quantities:
-        name = quantity.name
-        trials = table[table[f"{name}_adj"] > 0]
-        reference = trials[f"{name}_ref"]
+    for quantity in sessions.adjusted:
+        column = f"{quantity.name}_adj"
+        trials = sessions.table[sessions.table[column] > 0]
+        reference = trials[f"{quantity.name}_ref"]
         shown_at = np.log10(reference.where(reference > 0))
-        values = trials[f"{name}_adj"]
+        values = trials[column]
         found = dict(_mistyped(trials, np.log10(values), shown_at))
         for index in sorted(found):
-            environment = trials["environment"][index]
             text = (
-                f"{name} = {values[index]:.6g} of subject {shown([trials['subject'][index]])},"
-                f" where the other trials of {shown([environment])} have a median of"
-                f" {values[found[index]].median():.6g}"
+                f"{quantity.name} = {values[index]:.6g} of subject"
+                f" {shown([trials['subject'][index]])}, where the other trials of"
+                f" {shown([trials['environment'][index]])} have a median of"
+                f" {values[found[index]].median():.6g}: mistyped?"
             )
-            yield Slip(index, environment, name, text)
+            yield Found(text, column, index)
 
 
 def _mistyped(
@@ -341,13 +298,10 @@ def _mistyped(
     """Find rows that a digit explains, or nothing does; with the rows beside each."""
     grouped = decades.groupby(trials["environment"], sort=False)
     off = decades - grouped.transform("median")
-    sds = (grouped.quantile(0.75) - grouped.quantile(0.25)) / _QUARTILES
-    environment: Any
-    for environment, here in grouped:
+    for _, here in grouped:
         candidates = here[off[here.index].abs() > _LOOKED_AT]
         if len(here) < 2 or len(candidates) > _MOST_LOOKED_AT:
             continue
-        elsewhere = sds.drop(environment).median() if len(sds) > 1 else _USUAL_SD
         subjects = trials["subject"][here.index].nunique()
         index: Any
         for index, value in candidates.items():
@@ -362,9 +316,8 @@ def _mistyped(
             if len(others) == 1 and not abs(value - reference) > abs(median - reference):
                 continue
             freedom = len(others) - 1
-            own_sd = (high - low) / _QUARTILES
-            variance = _ELSEWHERE * elsewhere**2 + freedom * own_sd**2
-            variance /= _ELSEWHERE + freedom
+            squares = _USUAL_FREEDOM * _USUAL_SD**2 + freedom * ((high - low) / _QUARTILES) ** 2
+            variance = squares / (_USUAL_FREEDOM + freedom)
             if distance <= _FAR * np.sqrt(variance * (1.0 + 1.0 / len(others))):
                 continue
             # A subject who is as far off in other trials has a habit, or another unit.
@@ -373,15 +326,14 @@ def _mistyped(
                 yield index, others.index
 
 
-_CHECKS: tuple[Callable[[Trials], Iterator[Found]], ...] = (
-    _slips,
+_CHECKS: tuple[Callable[[Sessions], Iterator[Found]], ...] = (
+    _logarithms,
+    _codes,
+    _without_logarithm,
+    _at_a_limit,
+    _first_slips,
     _copies,
     _single_trials,
     _empty_cells,
     _pooled,
-)
-_CHECKS_OF_A_QUANTITY: tuple[Callable[[Trials, str], Iterator[Found]], ...] = (
-    _codes,
-    _without_logarithm,
-    _at_a_limit,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Container, Iterable, Mapping
 from typing import Annotated, Any, Literal, Self
@@ -9,7 +10,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from percept.errors import UsageError
-from percept.sessions.formula import TRIAL_REFERENCE, model_terms
 from percept.sessions.quantities import (
     IMPEDANCE,
     Quantity,
@@ -330,6 +330,67 @@ def _declared_quantity(column: str, quantities: Container[str], key: str) -> Non
         message = f"there is no quantity {name!r}."
         hint = f'Declare it in the scene: [quantities.{name}], and below it unit = "…".'
         raise UsageError(message, key=key, hint=hint)
+
+
+#: A term of a model: one column, or several that interact.
+Term = tuple[str, ...]
+#: More terms are no formula that somebody wrote: products double with each factor.
+_MOST_TERMS = 200
+#: In `[model] bias` the reference of the trial, which no column of the files has that name for.
+TRIAL_REFERENCE = "reference"
+
+
+def model_terms(factor: str | None, bias: str | None) -> tuple[Term, ...]:
+    """Terms of `[model] bias`, with `[study] factor` as a short form of its own."""
+    terms = terms_of(bias, key="model.bias") if bias else ()
+    if factor is None or (factor,) in terms:
+        return terms
+    return ((factor,), *terms)
+
+
+def terms_of(formula: str, *, key: str) -> tuple[Term, ...]:
+    """Expand a formula in Wilkinson's notation into its terms, main effects first.
+
+    Parameters
+    ----------
+    formula : str
+        Names of columns joined by ``+``, by ``:`` for an interaction, or by ``*`` for main effects
+        and interaction; such as "hand * load + start".
+    key : str
+        The scene's key, for messages.
+
+    Returns
+    -------
+    tuple of tuple of str
+        Each term's columns in the formula's order.
+
+    Raises
+    ------
+    UsageError
+        Anything else, or an interaction of columns without their main effects.
+    """
+    terms: dict[Term, None] = {}
+    for summand in formula.split("+"):
+        products: dict[Term, None] = {(): None}
+        for joined in summand.split("*"):
+            names = [name.strip() for name in joined.split(":")]
+            if not all(map(str.isidentifier, names)):
+                hint = 'Join names of columns by +, : or *, as in "hand * load + start".'
+                raise UsageError("is not a formula.", key=key, value=formula, hint=hint)
+            products |= {tuple(dict.fromkeys((*term, *names))): None for term in products}
+            if len(products) > _MOST_TERMS:
+                message = f"has more than {_MOST_TERMS} terms."
+                hint = "Name the interactions that matter, as in a + b + a:b."
+                raise UsageError(message, key=key, value=formula, hint=hint)
+        terms |= products
+    del terms[()]
+    for term in terms:
+        for part in itertools.combinations(term, len(term) - 1):
+            if part and part not in terms:
+                message = f"has an interaction without {' : '.join(part)}."
+                hint = f"Write {' * '.join(term)} instead of {' : '.join(term)}."
+                raise UsageError(message, key=key, value=formula, hint=hint)
+    return tuple(sorted(terms, key=len))
 
 
 class ReadOptions(DataTables):

@@ -22,20 +22,20 @@ from percept.sessions.merged import (
     without_ends,
 )
 from percept.sessions.options import DataTables, ReadOptions
-from percept.sessions.quantities import Quantities, trial_columns
+from percept.sessions.quantities import Quantities, Quantity, trial_columns
 from percept.sessions.records import (
     IDS,
     MASS,
     SUMMARY_COLUMNS,
     Exclusion,
     Factors,
+    Found,
     Notice,
     Source,
     once_per_kind,
 )
-from percept.sessions.summary import read_summary
 from percept.sessions.tables import Log, OpenFile, open_files, open_frame
-from percept.sessions.trials import read_trials
+from percept.sessions.trials import read_summary, read_trials
 from percept.sessions.values import fold
 
 #: Opens the input, once for each reading.
@@ -116,6 +116,11 @@ class Sessions:
         return tuple(p for p in self.quantities if self.table[f"{p}_adj"].notna().any())
 
     @property
+    def adjusted(self) -> list[Quantity]:
+        """The quantities that `parameters` names."""
+        return [self.quantities[name] for name in self.parameters]
+
+    @property
     def simulated(self) -> bool:
         """Whether the data say of themselves, in a column `source`, that some are simulated."""
         return "source" in self.table and bool((self.table["source"] == "simulated").any())
@@ -129,10 +134,10 @@ class Sessions:
     def environments(self) -> tuple[str, ...]:
         """Environment ids as the scene lists them, then by their references."""
         listed = self.options.environments if self.factors is None else self.factors.cells
-        return _in_order(self._references, listed)
+        return _in_order(self.references, listed)
 
     @property
-    def _references(self) -> pd.DataFrame:
+    def references(self) -> pd.DataFrame:
         """Reference of every environment, by first appearance, and quantity."""
         names = list(self.quantities)
         if self.form == "trials":
@@ -159,24 +164,16 @@ class Sessions:
     @cached_property
     def warnings(self) -> tuple[Notice, ...]:
         """What to look at before believing the study."""
-        quantities = [self.quantities[p] for p in self.parameters]
-        found = list(doubts.logarithms(self._references, quantities))
-        if self.form == "trials":
-            found += doubts.doubts(
-                doubts.Trials(self.table, quantities, self.options, self.factors)
-            )
         notices = []
-        for message, column, index, *_ in found:
+        for message, column, index, *_ in doubts.doubts(self):
             file, row = (None, None) if index is None else self.locate(index)
             notices.append(Notice(message, file, row, column))
         return tuple(notices)
 
     @cached_property
-    def slips(self) -> tuple[doubts.Slip, ...]:
-        """Adjustments that look mistyped; none in summary form."""
-        if self.form != "trials":
-            return ()
-        return tuple(doubts.slips(self.table, [self.quantities[p] for p in self.parameters]))
+    def slips(self) -> tuple[Found, ...]:
+        """Adjustments that look mistyped, by the labels of their rows; none in summary form."""
+        return tuple(doubts.slips(self)) if self.form == "trials" else ()
 
     def left_out(self, environment: str, parameter: str) -> int:
         """Count the adjustments of a cell that are left out at a limit of their control."""

@@ -1,5 +1,7 @@
 """A file's trials as one table, step by step: melted, selected, its ids and numbers converted.
 
+Published tables stand here too: limits, or means and SDs, by environment and parameter.
+
 The table's columns have percept's names or are `FileColumn` labels; its index is the physical line.
 """
 
@@ -17,13 +19,21 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import values
 from percept.sessions.options import KEPT_COLUMNS, canonical_columns
-from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
+from percept.sessions.quantities import (
+    convert,
+    numbers_of,
+    quantity_of,
+    trial_columns,
+    with_mass,
+)
 from percept.sessions.records import IDS, MASS, Exclusion, Found, shown
 from percept.sessions.tables import OpenFile
 
 _CORRECT_CELL = "Correct the cell, or leave it empty if there was no adjustment."
 #: Share of rows without an id from which on its cells seem to be merged.
 _MERGED = 0.5
+#: Limits at any level give back the mean and SD of a published table that they were made of.
+_LEVEL = 0.95
 #: Above this, doubles do not tell whole numbers apart.
 _WHOLE = 2.0**53
 _Mask = npt.NDArray[np.bool_]
@@ -100,23 +110,19 @@ def _joined(
     data: pd.DataFrame,
     canonical: str,
     also: tuple[str, ...],
-) -> list[str]:
+) -> pd.Series[str]:
     """Join ids of several columns; one that lacks a part is blank, and so missing."""
-    columns = [data[canonical], *(data[FileColumn(name)] for name in also)]
-    records = list(zip(*columns, strict=True))
-    joined = {
-        parts: "-".join(parts) if all(map(str.strip, parts)) else ""
-        for parts in dict.fromkeys(records)
-    }
-    parts_of: dict[str, tuple[str, ...]] = {}
-    for parts, text in joined.items():
-        first = parts_of.setdefault(text, parts)
-        if text and first != parts:
-            message = f"{shown(parts)} and {shown(first)} both join to {text!r}."
-            hint = "Take the hyphens out of one of these columns."
-            column = file.resolution.rules[canonical].name
-            raise UsageError(message, hint=hint, file=file.name, column=column)
-    return [joined[parts] for parts in records]
+    parts = data[[canonical, *map(FileColumn, also)]]
+    joined = data[canonical].str.cat(parts.iloc[:, 1:].to_numpy(dtype=object), sep="-")
+    different = parts.assign(joined=joined).drop_duplicates()
+    first = different[different["joined"].duplicated(keep=False)].head(1)
+    for *texts, text in first.itertuples(index=False, name=None):
+        message = f"{shown(texts)} and others join to {text!r}."
+        hint = "Take the hyphens out of one of these columns."
+        column = file.resolution.rules[canonical].name
+        raise UsageError(message, hint=hint, file=file.name, column=column)
+    is_blank = [cells.str.strip() == "" for _, cells in parts.items()]
+    return joined.mask(np.logical_or.reduce(is_blank), "")
 
 
 def _selected(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
@@ -168,61 +174,42 @@ def _exclude(
     """Leave rows out and log them; `of_trials` logs those with a subject and environment."""
     ids = data[excluded].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
     for row, cells in zip(ids.index.tolist(), ids.to_dict("records"), strict=True):
-        if of_trials and not (cells["subject"].strip() and cells["environment"].strip()):
+        who = cells.pop("subject")
+        if of_trials and not (who.strip() and cells["environment"].strip()):
             continue
-        what = [
-            f"{column} {cells[column].removesuffix('.0')}"
-            for column in ("session", "environment", "trial")
-            if cells[column]
-        ]
-        exclusion = Exclusion(cells["subject"], ", ".join(what), why, file.name, row)
-        file.log.exclusions.append(exclusion)
+        what = [f"{name} {text.removesuffix('.0')}" for name, text in cells.items() if text]
+        file.log.exclusions.append(Exclusion(who, ", ".join(what), why, file.name, row))
     return _keep(file, data, ~excluded, f"excluded: {why}")
 
 
 def _unpack_json(file: OpenFile, data: pd.DataFrame) -> None:
     """Take values out of JSON cells; records of other kinds of trial may lack them."""
     for canonical, rule in file.resolution.rules.items():
-        if rule.path is not None:
-            picked = _values_at(file, data[canonical], canonical, rule.path)
-            data[canonical] = pd.Series(picked, index=data.index, dtype="str")
-
-
-def _values_at(
-    file: OpenFile,
-    cells: pd.Series[str],
-    canonical: str,
-    path: str,
-) -> list[str]:
-    """Values at a path inside the cells of a column."""
-    lacking = []
-    picked = []
-    found = False
-    for row, cell in zip(cells.index.tolist(), cells, strict=True):
-        value: str | None = ""
-        try:
-            value = values.pick(cell, path)
-        except values.CellError as error:
-            # Only the scene knows whether such a row has no adjustment: it is no blank.
-            hint = (
-                f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
+        if rule.path is None:
+            continue
+        picked = []
+        lacking = []
+        for row, cell in data[canonical].items():
+            value: str | None = ""
+            try:
+                value = values.pick(cell, rule.path)
+            except values.CellError as error:
+                # Only the scene knows whether such a row has no adjustment: it is no blank.
+                hint = "Correct the cell or the path, or pick rows with [sessions] only."
+                file.report([Found(f"{error}.", canonical, row, cell, hint)])
+            if value is None:
+                lacking.append(cell)
+            picked.append(value or "")
+        if lacking and not any(picked):
+            file.log.problems.add(
+                "no row has this path.",
+                file=file.name,
+                column=rule.name,
+                key=f"columns.{canonical}.path",
+                value=rule.path,
+                hint=f"Correct it: it begins inside a cell such as {shown(lacking[:1])}.",
             )
-            file.report([Found(f"{error}.", canonical, row, cell, hint)])
-        if value is None:
-            lacking.append(cell)
-        else:
-            found |= not values.is_missing(cell)
-        picked.append(value or "")
-    if lacking and not found:
-        file.log.problems.add(
-            "no row has this path.",
-            file=file.name,
-            column=file.resolution.rules[canonical].name,
-            key=f"columns.{canonical}.path",
-            value=path,
-            hint=f"Correct it: it begins inside a cell such as {shown(lacking[:1])}.",
-        )
-    return picked
+        data[canonical] = pd.Series(picked, index=data.index, dtype="str")
 
 
 def _with_adjustments(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
@@ -237,15 +224,13 @@ def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
     for column in (*IDS, "trial"):
         if column not in data:
             continue
+        missing = data[column].str.strip() == ""
         if column == "trial":
-            missing = file.is_missing(data[column])
-        else:
-            blank = [name for name in data[column].unique() if not name.strip()]
-            missing = data[column].isin(blank).to_numpy()
+            missing |= file.is_missing(data[column])
         rows = data.index[missing]
         message = f"an adjustment has no {column}."
         hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
-        if len(rows) > 1 and missing.mean() >= _MERGED and not missing[0]:
+        if len(rows) > 1 and missing.mean() >= _MERGED and not missing.iloc[0]:
             message = f"{len(rows)} of {len(data)} rows have no {column}: cells merged down?"
             hint = "Write it in every row: unmerge the cells, and fill each down."
             rows = rows[:1]
@@ -296,13 +281,10 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     is_last = ~data.duplicated(ids, keep="last").to_numpy()
     rows = len(data)
     earlier = rows - int(is_last.sum())
-    text = (
-        f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%})'
-        " as earlier events of a trial"
+    file.notice(
+        f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%}) as'
+        f" earlier events of a trial; one row stays per {', '.join(ids)}"
     )
-    if "trial" not in file.resolution.known:
-        text += "; no column numbers the trials, so one row stays per subject and environment"
-    file.notice(text)
     return _keep(file, data, is_last, "earlier event of a trial")
 
 
@@ -325,13 +307,72 @@ def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
 def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
     options = file.options
-    defaults: dict[str, str | float] = dict.fromkeys(IDS, "1")
-    defaults |= {f"{name}_ref": np.nan for name in options.quantities}
-    defaults["trial"] = 1
-    defaults |= {f"{name}_adj": np.nan for name in options.quantities}
+    columns = [*trial_columns(options.quantities)]
     if MASS in data or MASS in options.declared_references:
-        defaults[MASS] = np.nan
-    columns = {column: data.get(column, value) for column, value in defaults.items()}
-    columns |= {name: data[FileColumn(name)] for name in _groups(file)}
-    frame = pd.DataFrame(columns, index=data.index).assign(row=data.index)
-    return frame.astype(dict.fromkeys(IDS, "str"))
+        columns.append(MASS)
+    frame = data.reindex(columns=columns)
+    lacking = {name: "1" for name in IDS if name not in data}
+    if "trial" not in data:
+        frame["trial"] = 1
+    groups = {name: data[FileColumn(name)] for name in _groups(file)}
+    frame = frame.assign(**lacking, **groups, row=data.index)
+    return frame.astype({**dict.fromkeys(IDS, "str"), "trial": np.int64})
+
+
+def read_summary(file: OpenFile) -> pd.DataFrame:
+    """Give the rows of a published table with limits; means and SDs become limits."""
+    columns = file.resolution.slots[0].columns
+    has_limits = {"lower", "upper"} <= columns.keys()
+    names = ["reference", *(("lower", "upper") if has_limits else ("mean", "sd")), "n"]
+    if has_limits or "level" in columns:
+        names.append("level")
+    _require(file, ("environment", *names))
+    if has_limits and columns.keys() & {"mean", "sd"}:
+        file.notice("mean and sd are not used: lower and upper are there")
+    if "level" not in columns:
+        file.notice(f"means and SDs without a level are kept as their limits at {_LEVEL}")
+    positions = list(columns.values())
+    cells = file.cells(positions)[positions].set_axis(list(columns), axis=1)
+    numbers = file.numbers(cells, names, "Correct the cell.")
+    for name in names:
+        empty = cells.index[file.is_missing(cells[name])].tolist()
+        message = "a published table has no empty cells."
+        file.report(Found(message, name, row, hint="Fill it in.") for row in empty)
+    frame = cells[["environment", "parameter"]].assign(level=_LEVEL, row=cells.index)
+    for name, column in numbers.items():
+        frame[name] = column
+    frame = frame.reset_index(drop=True)
+    return frame if has_limits else _with_limits(file, frame)
+
+
+def _require(file: OpenFile, names: Sequence[str]) -> None:
+    """Refuse a table that lacks a column, or declares a unit."""
+    for column in names:
+        if column not in file.resolution.slots[0].columns:
+            there = shown(file.grid.header)
+            message = f"a published table needs the column {column}; the columns are {there}."
+            hint = "Add it, or name it in the scene's [columns]."
+            raise file.grid.error(message, column, hint)
+    if any(rule.unit is not None for rule in file.resolution.rules.values()):
+        units = " and ".join(quantity.unit for quantity in file.options.quantities.values())
+        message = f"a published table is in {units}."
+        raise UsageError(message, file=file.name, key="columns", hint="Convert the table.")
+
+
+def _with_limits(file: OpenFile, frame: pd.DataFrame) -> pd.DataFrame:
+    """Replace means and SDs by their t-limits."""
+    from scipy.special import stdtrit
+
+    sd = frame["sd"]
+    message = "a standard deviation is not negative."
+    wrong = zip(frame["row"][sd < 0].tolist(), sd[sd < 0], strict=True)
+    file.report(Found(message, "sd", row, value, "Correct it.") for row, value in wrong)
+    n = frame["n"]
+    level = frame["level"]
+    # Impossible n and levels are told by the checks of the whole study.
+    possible = (n >= 2) & (level > 0) & (level < 1)
+    df = (n - 1).where(possible)
+    tail = (0.5 * (1 - level)).where(possible)
+    half = -stdtrit(df, tail) / np.sqrt(df + 1) * sd
+    limits = frame.assign(lower=frame["mean"] - half, upper=frame["mean"] + half)
+    return limits.drop(columns=["mean", "sd"])

@@ -17,7 +17,7 @@ import pandas as pd
 from percept.errors import UsageError, counted
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.sessions.formula import TRIAL_REFERENCE, Term, terms_of
+from percept.sessions.options import TRIAL_REFERENCE, Term, terms_of
 from percept.sessions.quantities import quantity_of
 from percept.sessions.records import Factors, Notice
 from percept.study.basics import Array, analysed_parameters

@@ -259,7 +259,7 @@ class Displayed(Inferred):
     @cached_property
     def _without_slips(self) -> tuple[Verdict, ...]:
         """Verdicts without the rows that look mistyped; empty where the rest carries none."""
-        doubted = {slip.index for slip in self.sessions.slips}
+        doubted = {slip.row for slip in self.sessions.slips}
         kept = self.sessions.table.drop(index=list(doubted))
         sessions = dataclasses.replace(self.sessions, table=kept)
         try:

@@ -17,7 +17,7 @@ from percept.inference.model.statistics import Statistics
 from percept.inference.model.trials import by_subject
 from percept.results import Skipped
 from percept.scene import Scene
-from percept.sessions.formula import TRIAL_REFERENCE
+from percept.sessions.options import TRIAL_REFERENCE
 from percept.study.basics import Array
 from percept.study.comparisons import Comparison
 from percept.study.conditions import CellKey, in_sds

@@ -404,9 +404,9 @@ def leaning_on_slips(
     for verdict in verdicts:
         rows = []
         for slip in sessions.slips:
-            if slip.environment == verdict.environment:
-                file, row = sessions.locate(slip.index)
-                rows.append(Note(slip.text, PurePath(file or "").name, row))
+            if sessions.table["environment"][slip.row] == verdict.environment:
+                file, row = sessions.locate(slip.row)
+                rows.append(Note(slip.message, PurePath(file or "").name, row))
         leaning = None
         if rows:
             other = others.get((verdict.environment, verdict.coupled))

@@ -141,7 +141,7 @@ def test_runs_of_spaces_separate_aligned_columns(tmp_path):
     aligned = ["".join(f" {cell:11}" for cell in line.split(",")) for line in lines()]
     assert read_sessions(csv_file(tmp_path, aligned)).table.equals(whole.table)
     aligned[2] = aligned[2].replace("soft", "    ")
-    assert refusal(csv_file(tmp_path, aligned)).message == "4 cells where the header has 5."
+    assert "4 cells where the header has 5" in refusal(csv_file(tmp_path, aligned)).message
 
 
 @pytest.mark.parametrize("name", AROUND)
@@ -287,8 +287,8 @@ def test_a_stray_negative_value_may_be_left_out(tmp_path):
     text[6] = "P2,soft,2,500,-463.0"
     (notice,) = [own for own in noticed(tmp_path, text) if "zero or negative" in own.text]
     assert (notice.row, notice.column) == (7, "k_adj")
-    assert notice.text.startswith("1 value of k (2.1% of 48) is zero or negative, here the first.")
-    assert 'If people meant it, set family = "normal" in [inference].' in notice.text
+    assert notice.text.startswith("1 value of k (2.1% of 48) is zero or negative, here the first: ")
+    assert 'If people meant it, set family = "normal" in [inference]' in notice.text
     table = under_its_rule(tmp_path, notice)
     assert len(table) == 47
     assert (table["k_adj"] > 0).all()

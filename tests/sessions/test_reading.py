@@ -212,15 +212,16 @@ READ = {
         {"sessions": {"keep": "last"}},
         ["k_adj", "b_adj"],
         [[11.0, 2.0], [8.0, 3.0]],
-        'keep = "last" leaves out 2 of 4 rows (50.0%) as earlier events of a trial',
+        'keep = "last" leaves out 2 of 4 rows (50.0%) as earlier events of a trial; one row stays'
+        " per subject, environment, trial",
     ),
     "the last event without numbers": (
         f"{HEAD}1,a,10,11\n1,a,10,12\n",
         {"sessions": {"keep": "last"}},
         ["k_adj"],
         [[12.0]],
-        'keep = "last" leaves out 1 of 2 rows (50.0%) as earlier events of a trial; no column'
-        " numbers the trials, so one row stays per subject and environment",
+        'keep = "last" leaves out 1 of 2 rows (50.0%) as earlier events of a trial; one row stays'
+        " per subject, environment",
     ),
     "windows": (
         f"{HEAD}Jürgen,a,10,11\n".encode("cp1252"),

@@ -114,7 +114,7 @@ REFUSED = {
         "e,p,environment,k_ref,k_adj\na-b,c,x,10,11\na,b-c,x,10,12\n",
         {"columns": {"subject": ["e", "p"]}},
         (None, "e"),
-        "'a', 'b-c' and 'a-b', 'c' both join to 'a-b-c'. Take the hyphens out",
+        "'a-b', 'c' and others join to 'a-b-c'. Take the hyphens out",
     ),
     "two references": (
         f"{BOTH}1,a,10,1,1,11,1\n2,a,10.5,1,1,11,1\n",

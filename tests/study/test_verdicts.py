@@ -134,7 +134,8 @@ def test_a_mistyped_row_is_named_with_the_verdict_without_it(tmp_path, method) -
     (row,) = typed.leaning.rows
     assert (row.file, row.row) == ("walls.csv", 5)
     assert row.text == (
-        "k = 6400 of subject 'Dee', where the other trials of 'soft' have a median of 572.5"
+        "k = 6400 of subject 'Dee', where the other trials of 'soft' have a median of 572.5:"
+        " mistyped?"
     )
     assert typed.leaning.without == without
     assert typed.probability != without.probability
