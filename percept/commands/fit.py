@@ -34,17 +34,8 @@ if TYPE_CHECKING:
     from percept.study import Study
 
 
-_COLUMNS = [
-    "environment",
-    "parameter",
-    "kind",
-    "method",
-    "family",
-    "joint",
-    "lower",
-    "upper",
-    "unit",
-]
+#: Columns of `Study.intervals` that a terminal has no room for.
+_NOT_SHOWN = ["level", "share", "confidence", "estimate", "n", "covers", "reference"]
 _PREDICTED = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
 _FIT_FILES = ("fit.json", "posterior.nc")
 # Rows of the table without --all: what a terminal shows at once.
@@ -88,7 +79,7 @@ def _fit(arguments: argparse.Namespace) -> int:
 def _print_intervals(study: Study, *, every: bool) -> None:
     """Print both methods side by side, or a row per interval."""
     if every:
-        table = study.intervals[_COLUMNS]
+        table = study.intervals.drop(columns=_NOT_SHOWN)
     else:
         table = study.summary(None).head(_MOST_ROWS)
         table = table.drop(columns=[name for name in table.columns if name.endswith("_estimate")])

@@ -17,7 +17,7 @@ from percept.sessions.options import (
     ReadOptions,
     canonical_columns,
 )
-from percept.sessions.quantities import IMPEDANCE, Quantities, numbers_of, with_mass
+from percept.sessions.quantities import Quantities, numbers_of, with_mass
 from percept.sessions.records import NoDataError, shown
 
 _WORDS = {
@@ -34,6 +34,11 @@ _NUMBER_WORDS = {"ref": ("ref", "reference"), "adj": ("adj", "adjusted", "final"
 #: An id that the names of a wide table's columns hold, and the same in an escaped pattern.
 _IN_NAMES = re.compile(r"\{(subject|session|environment|trial)\}")
 _ID = re.compile(r"\\\{(subject|session|environment|trial)\\\}")
+_NAME_COLUMNS = (
+    "Name it in the scene's [columns]. Subjects may stand in file names, [sessions] filename ="
+    ' "{subject}", and references in [environments]. [quantities] names what people adjusted beside'
+    " stiffness and damping."
+)
 #: Environment of trials that only their own references tell apart.
 _ALL_TRIALS = "all trials"
 #: Rules by canonical column; the name of one is a column of the header, or a pattern of several.
@@ -220,21 +225,14 @@ def check_columns(
     if not missing:
         return
     names = " and ".join(missing)
-    hints = ["Name it in the scene's [columns]."]
-    if "subject" in missing:
-        file_names = 'or take it from file names with [sessions] filename = "{subject}".'
-        hints = [f"Name it in the scene's [columns], {file_names}"]
-    if "_adj" in names and options.quantities == IMPEDANCE:
-        hints.append("[quantities] names what people adjusted beside stiffness and damping.")
-    if "_ref" in names:
-        hints.append("References can stand in [environments].")
+    hint = _NAME_COLUMNS
     if paths:
-        hints.append(f"Or run: percept new scene.toml --from {shlex.join(paths)}")
+        hint += f" Or run: percept new scene.toml --from {shlex.join(paths)}"
     first = missing[0].split(" ")[0]
     alike = did_you_mean(first, {*grid.header} - {*present})
     message = f"there is no column for {names}; the columns are {shown(grid.header)}.{alike}"
     kind = UsageError if {*present} & {*numbers_of(options.quantities)} else NoDataError
-    raise grid.error(message, first, " ".join(hints), kind)
+    raise grid.error(message, first, hint, kind)
 
 
 def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str]:

@@ -32,7 +32,7 @@ _MOST_ROWS = 50
 _SAMPLE = 2_000
 #: A header of more cells is no session table's; the bound keeps hostile lines cheap.
 _MOST_CELLS = 20_000
-_NUMBER = re.compile(r"[+-]?([0-9]+[.,]?[0-9]*|[.,][0-9]+)([eE][+-]?[0-9]+)?")
+NUMBER = re.compile(r"[+-]?([0-9]+[.,]?[0-9]*|[.,][0-9]+)([eE][+-]?[0-9]+)?")
 #: What begins a comment.
 _COMMENT = ("#", "%", "//")
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
@@ -156,7 +156,7 @@ class Grid:
         if self.skipped:
             (row, above), (line, names) = filled[0], table[0]
             what = ", ".join(_filled(above))
-            if start and any(map(_NUMBER.fullmatch, names)):
+            if start and any(map(NUMBER.fullmatch, names)):
                 message = f"line {row} is a title, and line {line} below it has numbers: no header."
                 hint = "Write the names of the columns in a line above the data."
                 raise UsageError(message, file=self.file, row=row, value=what, hint=hint)
@@ -234,7 +234,7 @@ def _refuse_two_headers(table: Sequence[_Row], file: str) -> None:
         return
     (row, upper), (below, lower), (_, data) = table[:3]
     gaps = 1 < len(_filled(upper)) < len(_filled(lower))
-    if not gaps or any(map(_NUMBER.fullmatch, lower)) or not any(map(_NUMBER.fullmatch, data)):
+    if not gaps or any(map(NUMBER.fullmatch, lower)) or not any(map(NUMBER.fullmatch, data)):
         return
     names = []
     above = ""
@@ -251,20 +251,20 @@ def _refuse_two_headers(table: Sequence[_Row], file: str) -> None:
 
 def _units(table: list[list[str]]) -> dict[str, str]:
     """Read the row below the header if it holds words where the rows below it hold numbers."""
-    if len(table) < 3 or any(map(_NUMBER.fullmatch, table[1])) or table[0] == table[1]:
+    if len(table) < 3 or any(map(NUMBER.fullmatch, table[1])) or table[0] == table[1]:
         return {}
     header, words, *data = table
     units = {}
     for name, word, *cells in zip(header, words, *data, strict=False):
         known = [cell for cell in cells if not is_missing(cell)]
-        if not is_missing(word) and known and all(map(_NUMBER.fullmatch, known)):
+        if not is_missing(word) and known and all(map(NUMBER.fullmatch, known)):
             units[name] = word.strip("()[]")
     return units
 
 
 def refuse_headless(grid: Grid) -> None:
     """Refuse a header that looks like a row of data, by the rows below it."""
-    numbers = [name for name in grid.header if _NUMBER.fullmatch(name)]
+    numbers = [name for name in grid.header if NUMBER.fullmatch(name)]
     columns = zip(grid.header, *(cells for _, cells in grid.sample), strict=False)
     again = any(name in column for name, *column in columns if name not in numbers)
     if numbers and (again or len(numbers) == len(grid.header)):

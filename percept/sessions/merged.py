@@ -1,11 +1,14 @@
-"""The trials of all files as one table, step by step: names, references, responses, limits.
+"""The trials of all files as one table: settled step by step, and checked as a whole.
 
-The table has a column `file`, the index of a source, and `row`, the physical line.
+The table has a column `file`, the index of a source, and `row`, the physical line. Each check gives
+what it finds; `Log.refuse` takes it up with its file and line.
 """
 
 from __future__ import annotations
 
 import json
+import re
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -13,19 +16,31 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError, counted
+from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, MASS, Exclusion, Found, Notice, clip, shown
 from percept.sessions.tables import Log
-from percept.sessions.values import fold
+from percept.sessions.values import fold, is_missing
 
 #: Environments that a sentence lists.
 _LISTED = 8
+#: What tells a trial from others.
+_TRIAL = [*IDS, "trial"]
+#: Decades between adjustments and references from which on, either way, a unit is doubted.
+_OTHER_UNIT = 2.0
+#: What N/mm is in N/m, in decades: the slip of units there is. A median of a subject or file within
+#: a factor of three of it is one.
+_THOUSAND = 3.0
+_ABOUT = float(np.log10(3.0))
+#: Half a turn in units of angles.
+_HALF_TURNS = dict.fromkeys(("deg", "°", "degree", "degrees"), 180.0)
+_HALF_TURNS |= dict.fromkeys(("rad", "radian", "radians"), np.pi)
 
 
 def settle_names(table: pd.DataFrame, groups: Iterable[str], log: Log) -> None:
     """Write names that differ in spaces or Unicode form alone in the scene's or first spelling."""
     for column in (*IDS, *groups):
-        names = table[column].dropna().unique()
+        names = table[column].unique()
         first: dict[str, str] = {}
         for name in [*log.options.environments, *names] if column == "environment" else names:
             first.setdefault(fold(name), name)
@@ -51,8 +66,7 @@ def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) 
     environments = table["environment"]
     known = {name: options.environments.get(name, {}) | zeros for name in environments.unique()}
     without: dict[str, list[str]] = {}  # References that lack, by environment
-    columns = [f"{p}_ref" for p in parameters] + [MASS] * (MASS in table)
-    for column in columns:
+    for column in [f"{p}_ref" for p in parameters] + [MASS] * (MASS in table):
         values = table[column]
         given = {
             name: references[column] for name, references in known.items() if column in references
@@ -64,40 +78,28 @@ def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) 
             first = values.groupby(environments, sort=False).transform("first")
             expected = expected.fillna(first)
         differs = values.notna() & (values != expected)
-        for name, rows in _by_environment(table, differs):
+        for name, rows in table[differs].groupby("environment", sort=False):
             source = "the scene" if name in given else "an earlier row"
             message = (
-                f"environment {shown([name])} has the reference {expected[rows[0]]!s} in {source}"
+                f"environment {shown([str(name)])} has the reference {expected[rows.index[0]]!s} in"
+                f" {source}, and another in {counted(len(rows), 'row')}, here the first."
             )
-            if len(rows) > 1:
-                message += f"; {len(rows)} rows have another, here the first"
             hint = (
                 "An environment has one reference. Correct it, or tell the environments apart by"
                 ' further columns: environment = ["…", "…"] in [columns]. If references differ by'
                 ' trial, set [model] bias = "reference".'
             )
-            value = float(values[rows[0]])
-            log.refuse(table, [Found(f"{message}.", column, rows[0], value, hint)])
+            value = float(rows[column].iloc[0])
+            log.refuse(table, [Found(message, column, rows.index[0], value, hint)])
         if column == MASS:
             table[column] = expected.fillna(0.0)
             continue
         table[column] = expected
         lacking = expected.isna() & table[column.replace("_ref", "_adj")].notna()
-        for name, _ in _by_environment(table, lacking):
+        for name in environments[lacking].unique():
             without.setdefault(name, []).append(column)
     if without:
         _ask_for_references(without, known, log)
-
-
-def _by_environment(
-    table: pd.DataFrame, chosen: pd.Series[bool]
-) -> Iterator[tuple[str, pd.Index[Any]]]:
-    """Give the environments of chosen rows, each with these, in the table's order."""
-    rows = table["environment"][chosen]
-    if len(rows):
-        for name in table["environment"].unique():
-            if (chosen_rows := rows.index[rows == name]).size:
-                yield name, chosen_rows
 
 
 def _ask_for_references(
@@ -109,10 +111,7 @@ def _ask_for_references(
         values = [f"{column} = {value!r}" for column, value in known[name].items()]
         values += [f'{column} = "?"' for column in columns]
         lines.append(f"{json.dumps(name, ensure_ascii=False)} = {{ {', '.join(values)} }}")
-    names = shown(list(without))
-    message = f"{len(without)} environments have no reference: {names}."
-    if len(without) == 1:
-        message = f"environment {names} has no reference."
+    message = f"{counted(len(without), 'environment')} without a reference: {shown(list(without))}."
     hint = "Write these lines in the scene, with a number in the place of each ?:\n"
     column = next(iter(without.values()))[0]
     log.problems.add(message, column=column, hint=hint + "\n".join(lines))
@@ -143,9 +142,24 @@ def without_ends(table: pd.DataFrame, quantities: Sequence[Quantity], log: Log) 
         column = f"{quantity.name}_adj"
         lowest, highest = quantity.limits or (-np.inf, np.inf)
         at_end = (table[column] <= lowest) | (table[column] >= highest)
-        if at_end.any():
-            _log_ends(table, quantity, at_end, log)
-            table = table.assign(**{column: table[column].mask(at_end)})
+        if not at_end.any():
+            continue
+        why = f"{quantity.label} at a limit of its control"
+        rows = table[at_end]
+        row: Any
+        for row in rows.itertuples():
+            what = f"{quantity.name} in environment {row.environment}"
+            file = log.sources[row.file].name
+            log.exclusions.append(Exclusion(row.subject, what, why, file, row.row))
+        text = (
+            f"{counted(len(rows), 'value')} of {table[column].notna().sum()} at the limits of the"
+            f" control, {quantity.amounts((lowest, highest))}, are left out:"
+            f" {by_environment(table, at_end)}. Every interval describes the other values only"
+        )
+        log.notices.append(Notice(text, column=column))
+        log.counts[f"left out: {why}"] = len(rows)
+        log.at_limits.append(rows.assign(parameter=quantity.name))
+        table = table.assign(**{column: table[column].mask(at_end)})
     if log.at_limits:
         adjusted = [f"{quantity.name}_adj" for quantity in quantities]
         table = table.dropna(subset=adjusted, how="all").reset_index(drop=True)
@@ -153,30 +167,6 @@ def without_ends(table: pd.DataFrame, quantities: Sequence[Quantity], log: Log) 
         hint = "Correct limits in [quantities]."
         raise UsageError("every adjustment lies at a limit of its control.", hint=hint)
     return table
-
-
-def _log_ends(
-    table: pd.DataFrame,
-    quantity: Quantity,
-    at_end: pd.Series[bool],
-    log: Log,
-) -> None:
-    """Log each adjustment at an end of a control, and say how many there are."""
-    why = f"{quantity.label} at a limit of its control"
-    column = f"{quantity.name}_adj"
-    rows = table[at_end]
-    columns = rows[["subject", "environment", "file", "row"]]
-    for subject, environment, file, row in columns.itertuples(index=False, name=None):
-        what = f"{quantity.name} in environment {environment}"
-        log.exclusions.append(Exclusion(subject, what, why, log.sources[file].name, row))
-    text = (
-        f"{counted(len(rows), 'value')} of {table[column].notna().sum()} at the limits of the"
-        f" control, {quantity.amounts(quantity.limits or ())}, are left out:"
-        f" {by_environment(table, at_end)}. Every interval describes the other values only"
-    )
-    log.notices.append(Notice(text, column=column))
-    log.counts[f"left out: {why}"] = len(rows)
-    log.at_limits.append(rows.assign(parameter=quantity.name))
 
 
 def by_environment(table: pd.DataFrame, chosen: Any) -> str:
@@ -203,3 +193,206 @@ def count_grid(table: pd.DataFrame, parameters: Iterable[str]) -> dict[str, int]
         "missing repeats": int((filled.max() - filled).sum()),
     }
     return counts | {f"rows without {p}": int(table[f"{p}_adj"].isna().sum()) for p in parameters}
+
+
+def angles(
+    table: pd.DataFrame, quantities: Iterable[Quantity], options: ReadOptions
+) -> Iterator[Found]:
+    """Refuse angles beyond half a turn, which have no mean: 350 and 10 deg lie beside each other.
+
+    Differences from the references within half a turn are none.
+    """
+    for quantity in quantities:
+        column = f"{quantity.name}_adj"
+        half = _HALF_TURNS.get(quantity.unit.casefold(), np.inf)
+        errors = table[column]
+        reach = 0.0
+        rule = options.columns.get(column)
+        if rule is None or rule.response != "difference":
+            references = table[f"{quantity.name}_ref"][errors.notna()]
+            errors = errors - references
+            reach = max(references.max() - references.min(), references.abs().max())
+        far = errors.index[errors.abs() > half]
+        if len(far) or reach > half:
+            message = (
+                f"{quantity.label} in {quantity.unit} wraps: values lie beyond half a turn,"
+                f" {half:.4g} {quantity.unit}."
+            )
+            hint = (
+                f"Give {column} a column of adjusted − reference, within half a turn:"
+                f' {column} = {{ name = "…", response = "difference" }} in [columns].'
+                " If the knob can turn more than once its angle does not wrap: give it in turns,"
+                ' unit = "turn".'
+            )
+            yield Found(message, column, far[0] if len(far) else None, hint=hint)
+
+
+def repeats(table: pd.DataFrame, log: Log) -> Iterator[Found]:
+    """Refuse rows that repeat what tells trials apart."""
+    split = [name for name in log.options.split if name in table and name not in _TRIAL]
+    cell = [*_TRIAL, *split]
+    again = table.index[table.duplicated(cell)]
+    if again.empty:
+        return
+    first = table.loc[again[0]]
+    file, row = log.place(table, (table[cell] == first[cell]).all(axis=1).idxmax())
+    names = ", ".join(f"{column} {shown([str(first[column])])}" for column in _TRIAL)
+    text = (
+        f"rows repeat a subject, session, environment and trial: {len(again):,} of {len(table):,}"
+        f" ({len(again) / len(table):.1%}). The first: {names} is already in {file}:{row}."
+    )
+    hint = (
+        "Remove it, or name the column of trial numbers in [columns]. Number the trials by the"
+        ' order of their rows: [sessions] trial = "order". If rows are events of a trial,'
+        f' [sessions] keep = "last" would keep {len(table) - len(again):,} rows. If they are'
+        ' conditions of one subject, name their column: [study] factor = "…".'
+    )
+    yield Found(text, row=again[0], hint=hint)
+
+
+def units(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> Iterator[Found]:
+    """Refuse median ratios of adjustments to references beyond 100, and parts off by a thousand.
+
+    Where the units of both columns are declared a notice says so instead.
+    """
+    for quantity in quantities:
+        adj = f"{quantity.name}_adj"
+        ref = f"{quantity.name}_ref"
+        for row, decades, text in _other_units(table, adj, ref):
+            if {adj, ref} <= log.declared_units:
+                log.notices.append(Notice(text, column=adj))
+                continue
+            # A slip makes numbers too small where the larger unit was meant. One declared unit is
+            # as likely to be the slip as the other column: it settles nothing.
+            column = adj if decades < 0 else ref
+            unit = quantity.unit.replace("/m", "/mm") or "…"
+            hint = (
+                f"Convert the file, or declare the units of both {adj} and {ref} in [columns],"
+                f' such as {column} = {{ name = "…", unit = "{unit}" }}. If the numbers are right,'
+                f" declare unit = {json.dumps(quantity.unit, ensure_ascii=False)} for both."
+            )
+            yield Found(text, adj, row, float(table[adj][row]), hint)
+
+
+def _other_units(table: pd.DataFrame, adj: str, ref: str) -> Iterator[tuple[int, float, str]]:
+    """Find ratios that a wrong unit would explain, over all and by file or subject.
+
+    Gives the first row, the ratio in decades, and what is wrong.
+    """
+    both = table[(table[adj] > 0) & (table[ref] > 0)]
+    decades = np.log10(both[adj]) - np.log10(both[ref])
+    typical = decades.median()
+    if abs(typical) >= _OTHER_UNIT:
+        text = f"{adj} is {10**typical:.3g} times {ref} at the median: their units seem to differ."
+        yield int(both.index[0]), typical, text
+    for column in ("file", "subject"):
+        medians = decades.groupby(both[column], sort=False).median()
+        off = medians[((medians - typical).abs() - _THOUSAND).abs() < _ABOUT]
+        for name, median in off.items():
+            where = "this file" if column == "file" else f"subject {shown([str(name)])}"
+            text = (
+                f"{adj} is {10**median:.3g} times {ref} at the median of {where}, and"
+                f" {10**typical:.3g} times over all {column}s: the units of the {column} seem to"
+                " differ by a thousand."
+            )
+            yield int(both.index[both[column] == name][0]), median, text
+        if len(off):
+            return
+
+
+def remarks(table: pd.DataFrame, log: Log) -> Iterator[str]:
+    """Name ids that look alike or like a missing value, and cells of several sessions."""
+    for column in IDS:
+        first = table[column].drop_duplicates()
+        for name in filter(is_missing, first):
+            placed = _placed(table, first, name, log)
+            yield f"{column} {placed} is taken as a name: is it a missing value?"
+        alike: dict[str, list[str]] = {}
+        for name in first:
+            alike.setdefault(_look(name), []).append(name)
+        for names in alike.values():
+            if len(names) > 1:
+                listed = ", ".join(_placed(table, first, name, log) for name in names)
+                yield (
+                    f"{column}s {listed} look alike and are kept apart: if they are one, write them"
+                    " alike in the files"
+                )
+    counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique()
+    several = int((counts > 1).sum())
+    if several:
+        yield (
+            f"{several} of {counts.size} cells (a subject in an environment) have trials of several"
+            " sessions. All count as repeats: changes between sessions are part of the scatter of"
+            " trials"
+        )
+
+
+def _placed(table: pd.DataFrame, first: pd.Series[str], name: str, log: Log) -> str:
+    """Write a name with the file and row where it stands first."""
+    file, row = log.place(table, first.index[first == name][0])
+    return f"{clip(name)!r} ({file}:{row})"
+
+
+def _look(name: str) -> str:
+    """Reduce a name to its looks: "P_01" and "p1" are alike."""
+    plain = unicodedata.normalize("NFKC", fold(name)).casefold()
+    try:
+        return f"{float(plain):.15g}"
+    except ValueError:
+        joined = re.sub(r"(?<=[^\W\d_])[\s_.-]+(?=\d)", "", plain)
+        return re.sub(r"(?<!\d)0+(?=\d)", "", joined)
+
+
+def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
+    """Refuse parameters, limits, n, levels and units that a published table cannot have."""
+    names = " or ".join(f'"{name}"' for name in options.quantities)
+    n = table["n"].fillna(2)
+    level = table["level"]
+    whole = (n >= 2) & (n < 2.0**53) & (n == np.round(n))
+    again = table.duplicated(["environment", "parameter"])
+    rules: list[tuple[str, str, pd.Series[bool]]] = [
+        ("parameter", f"must be {names}.", ~table["parameter"].isin(list(options.quantities))),
+        ("environment", "is empty.", table["environment"].str.strip() == ""),
+        (
+            "upper",
+            "is below the lower limit, or the SD is negative.",
+            table["upper"] < table["lower"],
+        ),
+        ("n", "must be a whole number of at least 2, and below 2^53.", ~whole),
+        ("level", "must lie between 0 and 1, as in 0.99.", (level <= 0) | (level >= 1)),
+        ("environment", "a second row for this environment and parameter.", again),
+    ]
+    for column in ("reference", "lower", "upper", "n", "level"):
+        rules.append((column, "a published table has no empty cells.", table[column].isna()))
+    for column, message, wrong in rules:
+        for row, value in table[column][wrong].items():
+            yield Found(message, column, row, value, "Correct or remove it.")
+    given = {
+        (environment, column.removesuffix("_ref")): value
+        for environment, references in options.environments.items()
+        for column, value in references.items()
+    }
+    cells: Any
+    for cells in table.itertuples():
+        expected = given.get((cells.environment, cells.parameter), cells.reference)
+        if cells.reference != expected:
+            message = (
+                f"[environments] gives {shown([cells.environment])} the reference {expected:g}."
+            )
+            hint = "Correct the table or the scene."
+            yield Found(message, "reference", cells.Index, cells.reference, hint)
+    # Of what the limits hold, the nearest to the reference: wide limits are no sign of another
+    # unit.
+    near = table["reference"].clip(table["lower"], table["upper"])
+    known = table.assign(near=near)[(near > 0) & (table["reference"] > 0)]
+    name: Any
+    for name, rows in known.groupby("parameter", sort=False):
+        decades = (np.log10(rows["near"]) - np.log10(rows["reference"])).median()
+        if name in options.quantities and abs(decades) >= _OTHER_UNIT:
+            message = (
+                f"limits of {name} are typically {10**decades:.3g} times the reference: their units"
+                " seem to differ."
+            )
+            hint = f"Write references and limits in {options.quantities[name].unit or 'one unit'}."
+            first = rows["reference"]
+            yield Found(message, "reference", first.index[0], float(first.iloc[0]), hint)

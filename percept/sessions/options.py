@@ -116,10 +116,9 @@ class ColumnRule(Table):
         Further columns of an id made of several: their texts follow, joined by hyphens.
     scale : float
         Multiplies the file's numbers: for a unit without a name.
-    response : {"ratio", "difference", "log"}, optional
-        What the numbers are, if not the quantity itself: of an adjustment, its ratio to the
-        reference or its difference from it; of any column, its logarithm to base ten. With
-        `scale = 0.05`, "log" reads decibels of an amplitude.
+    response : {"ratio", "difference"}, optional
+        What the numbers of an adjustment are, if not the quantity itself: its ratio to the
+        reference, or its difference from it.
     """
 
     name: Text
@@ -127,18 +126,18 @@ class ColumnRule(Table):
     path: str | None = None
     also: Texts = ()
     scale: Number = 1.0
-    response: Literal["ratio", "difference", "log"] | None = None
+    response: Literal["ratio", "difference"] | None = None
 
     @property
     def has_known_unit(self) -> bool:
         """Whether the scene says the unit, or the numbers have none."""
-        return self.unit is not None or self.response in ("ratio", "log")
+        return self.unit is not None or self.response == "ratio"
 
     @model_validator(mode="after")
     def _units_of_the_quantity(self) -> Self:
         """Hold units, scale and name to what the numbers are."""
-        if self.response in ("ratio", "log") and self.unit is not None:
-            raise ValueError(f'numbers of response = "{self.response}" have no unit')
+        if self.response == "ratio" and self.unit is not None:
+            raise ValueError('numbers of response = "ratio" have no unit')
         if self.scale == 0:
             raise ValueError("scale must not be zero")
         if any(self.name.count(f"{{{name}}}") > 1 for name in (*IDS, "trial")):
@@ -306,7 +305,7 @@ class DataTables(Table):
             known_key(columns, name, f"columns.{name}")
             if rule.also and name not in IDS:
                 raise UsageError("only an id is made of several columns.", key=f"columns.{name}")
-            if rule.response in ("ratio", "difference") and not name.endswith("_adj"):
+            if rule.response is not None and not name.endswith("_adj"):
                 message = "only an adjustment is a ratio or a difference to its reference."
                 raise UsageError(message, key=f"columns.{name}.response")
             if (quantity := quantities.get(quantity_of(name))) is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from percept.errors import UsageError, printable
 from percept.sessions.columns import aliases, plain
-from percept.sessions.grid import Grid, refuse_headless
+from percept.sessions.grid import NUMBER, Grid, refuse_headless
 from percept.sessions.inputs import expand, load
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import IMPEDANCE, TO_FILL_IN, factor, quantity_of
@@ -78,8 +79,7 @@ class _Column:
     @property
     def has_numbers(self) -> bool:
         """Whether the first cells are numbers."""
-        plain_cells = [cell.replace(",", ".").lstrip("+-") for cell in self.cells[:3]]
-        return bool(self.cells) and all(cell[:1].isdigit() for cell in plain_cells)
+        return bool(self.cells) and all(map(NUMBER.fullmatch, self.cells[:3]))
 
     @property
     def seen(self) -> str:
@@ -156,19 +156,22 @@ def _matched(columns: Sequence[_Column]) -> _Roles:
     """Find adjustments, and the reference that shares the rest of its name with each of them."""
     adjusted = list(_of_role(columns, "adjusted", "reference"))
     references = list(_of_role(columns, "reference", "adjusted"))
-    partners = [[other for other in references if _share(other[0], match[0])] for match in adjusted]
-    claimed = [column.name for others in partners for _, column in others]
+    pairs = [
+        (match, stem, reference)
+        for other, match in adjusted
+        for stem, reference in references
+        # An adjustment's name may say more: "pos x" and "pos x pivot".
+        if stem == other[: len(stem)] and bool(stem) == bool(other)
+    ]
+    claims = Counter(column.name for match, _, reference in pairs for column in (match, reference))
     roles: _Roles = {}
-    for (_, column), others in zip(adjusted, partners, strict=True):
-        if len(others) == 1 and claimed.count(others[0][1].name) == 1:
-            stem, reference = others[0]
-            name = _quantity(stem, column.unit)
-            roles |= {f"{name}_ref": reference, f"{name}_adj": column}
-    if roles:
-        return roles
-    if len(adjusted) == 1 and not adjusted[0][0] and not claimed:
-        return {"response_ref": None, "response_adj": adjusted[0][1]}
-    return {"response_ref": None, "response_adj": None}
+    for match, stem, reference in pairs:
+        if claims[match.name] == claims[reference.name] == 1:
+            name = _quantity(stem, match.unit)
+            roles |= {f"{name}_ref": reference, f"{name}_adj": match}
+    alone = len(adjusted) == 1 and not adjusted[0][0] and not pairs
+    nothing = {"response_ref": None, "response_adj": adjusted[0][1] if alone else None}
+    return roles or nothing
 
 
 def _of_role(
@@ -190,11 +193,6 @@ def _of_role(
 
 def _words(role: str) -> set[str]:
     return set(_WORDS[role].split())
-
-
-def _share(reference: tuple[str, ...], adjusted: tuple[str, ...]) -> bool:
-    """Whether two stems are one, or an adjustment's says more: "pos x" and "pos x pivot"."""
-    return reference == adjusted or bool(reference and reference == adjusted[: len(reference)])
 
 
 def _quantity(stem: tuple[str, ...], unit: str) -> str:

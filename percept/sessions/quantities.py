@@ -21,8 +21,6 @@ _IMPEDANCE = {
     "b": {"label": "damping", "unit": "N·s/m"},
 }
 _SAME = {"N·s/m": frozenset({"N*s/m", "Ns/m", "N s/m"})}
-#: Signs in units, and what the parser of units takes.
-_SIGNS = {"·": "*", " ": "*", "²": "**2", "³": "**3", "%": "percent", "°": "degree"}
 # A plain product or quotient of names; an expression such as 10**10**10 is never handed to a
 # parser.
 _UNIT = re.compile(r"[A-Za-zµ°%]+[²³]?(?:[·*/ ][A-Za-zµ°%]+[²³]?){0,4}")
@@ -246,10 +244,7 @@ def _parsed(unit: str) -> Any:
     """Return a unit as pint's."""
     if unit and not _UNIT.fullmatch(unit):
         raise ValueError(unit)
-    text = re.sub(r"\bNs\b", "N*s", unit)
-    for sign, plain in _SIGNS.items():
-        text = text.replace(sign, plain)
-    return _registry().Unit(text or "dimensionless")
+    return _registry().Unit(re.sub(r"\bNs\b", "N*s", unit))
 
 
 @lru_cache

@@ -13,14 +13,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions import checks, doubts
-from percept.sessions.merged import (
-    count_grid,
-    make_absolute,
-    settle_names,
-    settle_references,
-    without_ends,
-)
+from percept.sessions import doubts, merged
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, Quantity, trial_columns
 from percept.sessions.records import (
@@ -246,15 +239,15 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
         name = first_of_form[others[0]]
         log.problems.add(message, file=name, hint="Read them one by one.")
     _refuse_nothing(log, frames)
-    merged = pd.concat(frames, ignore_index=True)
+    table = pd.concat(frames, ignore_index=True)
     if form == "summary":
-        log.refuse(merged, checks.summary(merged, options))
+        log.refuse(table, merged.summary(table, options))
         log.problems.raise_if_any()
-        log.counts["observations"] = len(merged)
-        tidy = merged[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
+        log.counts["observations"] = len(table)
+        tidy = table[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
     else:
-        merged = _checked_trials(log, merged)
-        tidy = _laid_out(options, merged)
+        table = _checked_trials(log, table)
+        tidy = table.drop(columns=["file", "row"])
     return Sessions(
         table=tidy,
         form="summary" if form == "summary" else "trials",
@@ -262,7 +255,7 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
         notices=once_per_kind(log.notices),
         exclusions=tuple(log.exclusions),
         counts=dict(log.counts),
-        provenance=merged[["file", "row"]].astype(np.int64),
+        provenance=table[["file", "row"]].astype(np.int64),
         options=options,
         at_limits=pd.concat(log.at_limits) if log.at_limits else pd.DataFrame(),
     )
@@ -304,35 +297,24 @@ def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
     options = log.options
     parameters = [p for p in options.quantities if p in log.parameters]
     quantities = [options.quantities[p] for p in parameters]
-    settle_names(table, _groups(options, table), log)
-    settle_references(table, parameters, log)
-    log.refuse(table, checks.angles(table, quantities, options))
-    make_absolute(table, parameters, log)
-    table = without_ends(table, quantities, log)
+    others = (*trial_columns(options.quantities), MASS, "row", "file")
+    groups = [str(name) for name in table if name not in others]
+    # A file that lacks a group column leaves blanks, never the text "nan".
+    table[groups] = table[groups].fillna("").astype("str")
+    merged.settle_names(table, groups, log)
+    merged.settle_references(table, parameters, log)
+    log.refuse(table, merged.angles(table, quantities, options))
+    merged.make_absolute(table, parameters, log)
+    table = merged.without_ends(table, quantities, log)
     if options.sessions.trial == "order":
         table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
-    log.refuse(table, checks.repeats(table, log))
-    log.refuse(table, checks.units(table, quantities, log))
+    log.refuse(table, merged.repeats(table, log))
+    log.refuse(table, merged.units(table, quantities, log))
     log.problems.raise_if_any()
-    for text in checks.remarks(table, log):
+    for text in merged.remarks(table, log):
         log.notices.append(Notice(text))
-    log.counts.update(count_grid(table, parameters))
+    log.counts.update(merged.count_grid(table, parameters))
     return table
-
-
-def _groups(options: ReadOptions, table: pd.DataFrame) -> list[str]:
-    """Name the columns of groups."""
-    others = (*trial_columns(options.quantities), MASS, "row", "file")
-    return [str(name) for name in table if name not in others]
-
-
-def _laid_out(options: ReadOptions, table: pd.DataFrame) -> pd.DataFrame:
-    """Order the columns: those of trials, groups, and a mass."""
-    columns = [*trial_columns(options.quantities), *[MASS] * (MASS in table)]
-    groups = _groups(options, table)
-    # A file that lacks a group column leaves blanks, never the text "nan".
-    blank = {group: table[group].fillna("").astype("str") for group in groups}
-    return table[[*columns, *groups]].assign(**blank)
 
 
 def _in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:

@@ -51,7 +51,6 @@ class Log:
         self.at_limits: list[pd.DataFrame] = []  # Adjustments left out at limits of controls
         self.counts: Counter[str] = Counter()  # Rows by what became of them
         self.parameters: set[str] = set()  # Quantities with a column of adjustments
-        self.numbered = False  # Whether a column of any file numbers the trials
         self.applied: set[ExcludeRule] = set()  # Rules on texts that some row met
         self.declared_units = set(options.declared_references)
 
@@ -214,7 +213,6 @@ def _open(
         except UsageError:
             refuse_headless(grid)
             raise
-        log.numbered |= "trial" in resolution.known
         log.parameters |= {name for name in options.quantities if f"{name}_adj" in rules}
         log.declared_units |= {name for name, rule in rules.items() if rule.has_known_unit}
     for text in resolution.announced:
@@ -243,13 +241,11 @@ def _with_units(grid: Grid, found: Resolution, options: ReadOptions) -> Resoluti
             continue
         words.add(unit if rule.unit is None else rule.unit)
         try:
-            if (
-                rule.response in ("ratio", "log")
-                or len({factor(word, quantity) for word in words}) > 1
-            ):
-                raise UsageError("another unit")
+            factors = {factor(word, quantity) for word in words}
         except UsageError:
-            raise _second_header(grid, rule.name, unit) from None
+            factors = set()
+        if len(factors) != 1 or rule.response == "ratio":
+            raise _second_header(grid, rule.name, unit)
         rules[canonical] = rule.model_copy(update={"unit": unit})
         read.append(f"{shown([unit])} of {shown([rule.name])}")
     if not read or found.form == "summary":

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from percept.errors import PerceptError, counted, printable
@@ -51,7 +52,6 @@ class Validation:
                 "counts": dict(read.counts),
                 "exclusions": [asdict(exclusion) for exclusion in read.exclusions],
                 "environments": _environments(read),
-                "units": {name: read.quantities[name].unit for name in read.parameters},
             }
         return found
 
@@ -79,22 +79,25 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
     return Validation(int(len(sessions.subjects) == 1), sessions)
 
 
-def _environments(sessions: Sessions) -> list[dict[str, Any]]:
+def _environments(sessions: Sessions) -> list[dict[str, str | float | None]]:
     """Say of each environment its references, subjects, and the fewest and most trials of one."""
-    found = []
+    references = sessions.references.to_dict("index")
+    records = []
     for name, rows in sessions.by_environment():
+        record: dict[str, str | float | None] = {"environment": name}
+        for quantity in sessions.adjusted:
+            unit = f" ({quantity.unit})" if quantity.unit else ""
+            reference = float(references[name][quantity.name])
+            record[f"{quantity.name}_ref{unit}"] = None if np.isnan(reference) else reference
         if sessions.form == "summary":
-            references = dict(zip(rows["parameter"], rows["reference"].tolist(), strict=True))
-            subjects = int(rows["n"].max())
-            trials = None
+            record |= {"subjects": int(rows["n"].max()), "trials per subject": "published"}
         else:
-            references = {p: float(rows[f"{p}_ref"].iloc[0]) for p in sessions.parameters}
             counts = rows["subject"].value_counts()
-            subjects = len(counts)
-            trials = [int(counts.min()), int(counts.max())]
-        environment = {"references": references, "subjects": subjects, "trials": trials}
-        found.append({"name": name, **environment})
-    return found
+            fewest_and_most = dict.fromkeys([counts.min(), counts.max()])
+            record["subjects"] = len(counts)
+            record["trials per subject"] = " to ".join(map(str, fewest_and_most))
+        records.append(record)
+    return records
 
 
 def format_validation(found: Validation) -> str:
@@ -104,8 +107,13 @@ def format_validation(found: Validation) -> str:
         for source in read.sources:
             lines.append(f"{source.name}: {source.rows} rows, sha256 {source.sha256}")
         lines += [f"  {number:>9}  {reason}" for reason, number in read.counts.items()]
-        table = [_line(read, environment) for environment in _environments(read)]
-        lines += pd.DataFrame(table).to_string(index=False).splitlines()
+        table = pd.DataFrame(_environments(read)).to_string(
+            index=False,
+            na_rep="–",
+            float_format="{:g}".format,
+            formatters={"environment": printable},
+        )
+        lines += table.splitlines()
         lines += [f"notice: {notice}" for notice in found.notices]
         for left in read.exclusions:
             place = f"{left.file}:{left.row}"
@@ -119,17 +127,3 @@ def format_validation(found: Validation) -> str:
     else:
         lines.append(_VERDICTS[found.exit_code])
     return "\n".join(map(printable, lines))
-
-
-def _line(sessions: Sessions, environment: dict[str, Any]) -> dict[str, str | int]:
-    """Line of the table of environments."""
-    line: dict[str, str | int] = {"environment": printable(environment["name"])}
-    for name in sessions.parameters:
-        unit = sessions.quantities[name].unit
-        value = environment["references"].get(name)
-        written = "–" if value is None or value != value else f"{value:g}"
-        line[f"{name}_ref ({unit})" if unit else f"{name}_ref"] = written
-    line["subjects"] = environment["subjects"]
-    trials = environment["trials"] or ["published"]
-    line["trials per subject"] = " to ".join(map(str, dict.fromkeys(trials)))
-    return line

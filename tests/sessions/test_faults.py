@@ -309,9 +309,9 @@ def test_unused_columns_may_stand_twice(tmp_path, capsys):
     text = ["subject,environment,k_ref,k_adj,note,note"]
     text += [f"{s},soft,500,{500 + 10 * s + t},," for s in (1, 2) for t in (1, 2)]
     path = csv_file(tmp_path, text)
-    assert "repeat a subject, session and environment" in refusal(path).message
+    assert "rows repeat a subject, session, environment and trial" in refusal(path).message
     assert main(["validate", str(path)]) == 2
-    assert "2 of 4 rows (50.0%) repeat" in capsys.readouterr().out
+    assert "and trial: 2 of 4 (50.0%)." in capsys.readouterr().out
     scene = ReadOptions(sessions={"trial": "order"})
     found = read_sessions(path, scene=scene)
     assert len(found.table) == 4

@@ -23,7 +23,6 @@ from tests.sessions.reading import BOTH, HEAD, cells, read, refusal, texts
 WALLS = {"soft": {"k_ref": 10.0}, "hard": {"k_ref": 90.0}}
 WIDE = {name: f"{name}_{{environment}}" for name in ("k_adj", "k_ref")}
 IN_CELLS = {"k_adj": {"name": "v", "path": "s.-1"}}
-DECIBELS = {"scale": 0.05, "response": "log"}
 MELTED = "wall,note,target,p1,p2,p3\nsoft,x,10,11,9,\nhard,x,20,21,19,22\n"
 #: Text, tables of the scene, columns to look at and their rows, and one thing that is said.
 READ = {
@@ -179,16 +178,6 @@ READ = {
         },
         ["x_adj"],
         [[365.0], [180.0]],
-        None,
-    ),
-    "decibels": (
-        "subject,environment,p_ref,p_adj\n1,a,60,80\n",
-        {
-            "quantities": {"p": {"unit": ""}},
-            "columns": {name: {"name": name, **DECIBELS} for name in ("p_ref", "p_adj")},
-        },
-        ["p_ref", "p_adj"],
-        [[1000.0, 10000.0]],
         None,
     ),
     "the order of rows": (

@@ -109,7 +109,7 @@ def test_a_cell_without_end(tmp_path):
 def test_utf_16_without_a_mark_asks_for_the_encoding(tmp_path):
     path = tmp_path / "t.csv"
     path.write_bytes(ROWS.decode().encode("utf-16-le"))
-    with pytest.raises(UsageError, match="t.csv:1: a NUL character") as caught:
+    with pytest.raises(UsageError, match="a NUL character") as caught:
         read_sessions(path)
     assert 'declare [sessions] encoding = "utf-16-le".' in caught.value.hint
     assert read_sessions(path, scene=Scene(sessions={"encoding": "utf-16-le"})).subjects

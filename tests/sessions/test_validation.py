@@ -51,9 +51,9 @@ def test_what_was_understood_is_a_line_per_environment(tmp_path):
     at = lines.index("environment k_ref (N/m) b_ref (N·s/m) subjects trials per subject")
     assert lines[at + 1 : at + 3] == ["soft 500 2 2 1 to 2", "hard 20000 – 2 1"]
     found = json.loads(json.dumps(record.to_dict()))
-    assert found["units"] == {"k": "N/m", "b": "N·s/m"}
     assert found["environments"][0] == {
-        "name": "soft", "references": {"k": 500.0, "b": 2.0}, "subjects": 2, "trials": [1, 2]
+        "environment": "soft", "k_ref (N/m)": 500.0, "b_ref (N·s/m)": 2.0, "subjects": 2,
+        "trials per subject": "1 to 2",
     }  # fmt: skip
 
 
@@ -70,11 +70,11 @@ def test_a_conflict_is_one_line(tmp_path):
     assert len(lines) == 3
     assert lines[0].startswith(
         f"{file}:3, column 'k_ref', value 12.0: environment 'a' has the reference 10.0 in an"
-        " earlier row; 2 rows have another, here the first. "
+        " earlier row, and another in 2 rows, here the first. "
     )
     assert lines[1].startswith(
         f"{file}:6, column 'k_ref', value 11.0: environment 'b' has the reference 10.0 in an"
-        " earlier row. "
+        " earlier row, and another in 1 row, here the first. "
     )
     assert 'further columns: environment = ["…", "…"] in [columns].' in lines[0]
     assert lines[2] == "2 problems"

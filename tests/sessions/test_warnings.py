@@ -52,8 +52,9 @@ SAID = {
             "s.csv:10:k_adj: 2 values of k (20.0% of 10) are zero or negative, here the first: 1 of"
             " 5 in 'soft' (1 subject), 1 of 5 in 'hard' (1 subject). If people meant it, set family"
             ' = "normal" in [inference], and scale in [model] for references of zero or below. If'
-            ' nobody meant it, [sessions] exclude = [{ column = "k_adj", below = 110.00000000000001,'
-            ' why = "not meant" }] leaves such trials out and logs them. To leave out many biases the rest.'
+            ' nobody meant it, [sessions] exclude = [{ column = "k_adj", below ='
+            ' 110.00000000000001, why = "not meant" }] leaves such trials out and logs them. To'
+            " leave out many biases the rest."
         ],
     ),
     "an empty cell": (CLEAN[:-1], ["1 cell has no trial: '4 at hard'"]),

@@ -122,7 +122,7 @@ def test_the_reader_names_the_remedy():
 def test_a_trial_without_reference_is_refused():
     made = frame(environments=("soft", "hard"))
     made.loc[7, "k_ref"] = np.nan
-    with pytest.raises(UsageError, match="environment 'soft' has no reference"):
+    with pytest.raises(UsageError, match="1 environment without a reference: 'soft'"):
         read(made)
 
 
