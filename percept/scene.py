@@ -23,8 +23,8 @@ from pydantic import (
 from percept.errors import UsageError
 from percept.html import fields_html
 from percept.scene_device import CouplingTable, DeviceTable, ModeTable, Positive
-from percept.sessions.options import DataTables, Term, model_terms, terms_of, usage_error
-from percept.sessions.quantities import Table, amount_in, is_impedance, known_key
+from percept.sessions.options import DataTables, Term, model_terms, terms_of
+from percept.sessions.quantities import Table, amount_in, is_impedance, known_key, usage_error
 
 __all__ = [
     "ChecksTable",

@@ -10,7 +10,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from percept.errors import UsageError, capitalised, did_you_mean
 from percept.sessions.records import IDS, MASS
@@ -60,6 +60,46 @@ def _unfilled(value: Any, key: str) -> Iterator[str]:
             yield from _unfilled(inner, f"{key}.{name}")
     elif value == TO_FILL_IN:
         yield key
+
+
+#: What pydantic finds wrong, by its own name of the kind of error, in plain words.
+_PLAIN_WORDS = {
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "string_type": "must be text",
+    "tuple_type": "must be a list",
+    "float_type": "must be a number",
+    "finite_number": "must be a finite number",
+    "int_type": "must be a whole number",
+    "bool_type": "must be true or false",
+    "greater_than": "must be above {gt:g}",
+    "greater_than_equal": "must be {ge:g} or more",
+    "less_than_equal": "must be {le:g} or less",
+    "literal_error": "must be {expected}",
+    "string_too_short": "must not be empty",
+    "string_pattern_mismatch": "must be one character, not a quote",
+    "missing": "is missing",
+}
+
+
+def usage_error(error: ValidationError) -> UsageError:
+    """Say the first thing that is wrong with the keys of a table, unknown ones before all else."""
+    problems = error.errors(include_url=False)
+    for problem in problems:
+        # A misspelt key is missing too; its own name says more.
+        cause = problem.get("ctx", {}).get("error")
+        if isinstance(cause, UsageError):
+            keys = [*map(str, problem["loc"]), cause.key]
+            cause.key = ".".join(key for key in keys if key)
+            return cause
+    first = problems[0]
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] in _PLAIN_WORDS:
+        message = _PLAIN_WORDS[first["type"]].format(**first.get("ctx", {}))
+    message = f"{message[:1].lower()}{message[1:]}".removesuffix(".")
+    path = ".".join(str(key) for key in first["loc"])
+    value = None if isinstance(first["input"], dict) else first["input"]
+    return UsageError(f"{message}.", key=path or None, value=value)
 
 
 class Table(BaseModel):
