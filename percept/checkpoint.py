@@ -2,38 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
 import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from percept.errors import RefusalError, UsageError, counted
 from percept.files import exclusive
 from percept.workers import Mapper, in_process
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 #: The result of one study, as a line of JSON has it.
 Line = dict[str, Any]
 # How every line starts: what is left of one cut short is told from a file of something else.
 _START = '{"plan": "'
-
-
-def plan_digest(plan: DataclassInstance) -> str:
-    """Return a digest that tells results of different plans apart."""
-    text = json.dumps(dataclasses.asdict(plan), sort_keys=True, default=_plain)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _plain(value: Any) -> Any:
-    """Stand for an array or a scene in JSON."""
-    return value.tolist() if isinstance(value, np.ndarray) else value.to_dict()
 
 
 class Checkpoint:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from percept.errors import counted
 from percept.sessions.merged import by_environment
+from percept.sessions.options import ReadOptions
+from percept.sessions.quantities import Quantity
 from percept.sessions.records import MOST_CONDITIONS, Factors, Found, shown
-
-if TYPE_CHECKING:
-    from percept.sessions.read import Sessions
 
 #: Numbers that stand for a missing value: -999, 9999 and others of nines, in any unit.
 _CODE = re.compile(r"99+0*")
@@ -53,17 +53,28 @@ _USUAL_FREEDOM = 3.0
 _QUARTILES = 1.349
 
 
-def doubts(sessions: Sessions) -> Iterator[Found]:
+@dataclass(frozen=True)
+class Observed:
+    """What the checks look at: observations, and how they were read."""
+
+    table: pd.DataFrame
+    references: pd.DataFrame  # By environment, with a column for each quantity
+    adjusted: Sequence[Quantity]
+    options: ReadOptions
+    factors: Factors | None
+
+
+def doubts(study: Observed, *, are_trials: bool) -> Iterator[Found]:
     """Find what is seldom meant. Nothing is left out: that is for the analyst to declare."""
-    for check in _CHECKS if sessions.form == "trials" else (_logarithms,):
-        yield from check(sessions)
+    for check in _CHECKS if are_trials else (_logarithms,):
+        yield from check(study)
 
 
-def _logarithms(sessions: Sessions) -> Iterator[Found]:
+def _logarithms(study: Observed) -> Iterator[Found]:
     """Warn of quantities whose unit has no ratios."""
-    for quantity in sessions.adjusted:
+    for quantity in study.adjusted:
         name = quantity.name
-        references = sessions.references[name].fillna(0)
+        references = study.references[name].fillna(0)
         if _LOGARITHMIC.fullmatch(quantity.unit.casefold()) and references.any():
             text = (
                 f"{quantity.label} in {quantity.unit} is a logarithm, so that ratios of its values"
@@ -74,18 +85,19 @@ def _logarithms(sessions: Sessions) -> Iterator[Found]:
             yield Found(text, f"{name}_adj")
 
 
-def _first_slips(sessions: Sessions) -> Iterator[Found]:
+def _first_slips(study: Observed) -> Iterator[Found]:
     """Name the values that look mistyped; of many the first."""
-    yield from sessions.slips[:_MOST_SLIPS]
-    if len(sessions.slips) > _MOST_SLIPS:
-        more = counted(len(sessions.slips) - _MOST_SLIPS, "more value")
+    found = list(slips(study))
+    yield from found[:_MOST_SLIPS]
+    if len(found) > _MOST_SLIPS:
+        more = counted(len(found) - _MOST_SLIPS, "more value")
         yield Found(f"{more} may be mistyped")
 
 
-def _copies(sessions: Sessions) -> Iterator[Found]:
+def _copies(study: Observed) -> Iterator[Found]:
     """Name subjects whose settings are those of another subject, value by value."""
-    columns = [f"{quantity.name}_adj" for quantity in sessions.adjusted]
-    ordered = sessions.table.sort_values(["environment", "session", "trial"], kind="stable")
+    columns = [f"{quantity.name}_adj" for quantity in study.adjusted]
+    ordered = study.table.sort_values(["environment", "session", "trial"], kind="stable")
     first_of: dict[tuple[object, ...], str] = {}
     for subject, rows in ordered.groupby("subject", sort=False):
         settings = rows[columns].to_numpy(dtype=float)
@@ -104,9 +116,9 @@ def _copies(sessions: Sessions) -> Iterator[Found]:
         yield Found(text, "subject", rows.index.min())
 
 
-def _single_trials(sessions: Sessions) -> Iterator[Found]:
+def _single_trials(study: Observed) -> Iterator[Found]:
     """Warn of references that differ on every trial."""
-    counts = sessions.table["environment"].value_counts(sort=False)
+    counts = study.table["environment"].value_counts(sort=False)
     single = int((counts == 1).sum())
     if len(counts) > MOST_CONDITIONS and single > len(counts) / 2:
         text = (
@@ -131,11 +143,11 @@ def _missing_codes(values: pd.Series[float]) -> list[float]:
     return codes
 
 
-def _codes(sessions: Sessions) -> Iterator[Found]:
+def _codes(study: Observed) -> Iterator[Found]:
     """Ask whether a number is a code for a missing value."""
-    for quantity in sessions.adjusted:
+    for quantity in study.adjusted:
         column = f"{quantity.name}_adj"
-        values = sessions.table[column].dropna()
+        values = study.table[column].dropna()
         for code in _missing_codes(values):
             rows = values.index[values == code]
             limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
@@ -148,11 +160,11 @@ def _codes(sessions: Sessions) -> Iterator[Found]:
             yield Found(text, column, rows[0])
 
 
-def _without_logarithm(sessions: Sessions) -> Iterator[Found]:
+def _without_logarithm(study: Observed) -> Iterator[Found]:
     """Count the zeros and negative values of a lognormal family, and say both ways out."""
-    for quantity in sessions.adjusted if sessions.options.family == "lognormal" else ():
+    for quantity in study.adjusted if study.options.family == "lognormal" else ():
         column = f"{quantity.name}_adj"
-        known = sessions.table.dropna(subset=column)
+        known = study.table.dropna(subset=column)
         values = known[column]
         is_low = values <= 0
         if set(values[is_low]) <= set(_missing_codes(values)):
@@ -176,13 +188,13 @@ def _share(count: int, total: int, parameter: str) -> str:
     return f"{counted(count, 'value')} of {parameter} ({count / total:.1%} of {total:,}) {verb}"
 
 
-def _at_a_limit(sessions: Sessions) -> Iterator[Found]:
+def _at_a_limit(study: Observed) -> Iterator[Found]:
     """Warn where many more values equal the largest or least than the one next to it."""
     for quantity, (extreme, beside, which) in product(
-        sessions.adjusted, ((-1, -2, "largest"), (0, 1, "least"))
+        study.adjusted, ((-1, -2, "largest"), (0, 1, "least"))
     ):
         column = f"{quantity.name}_adj"
-        values = sessions.table[column]
+        values = study.table[column]
         counts = values.value_counts().sort_index()
         # Zeros have a warning of their own.
         if len(counts) < 3 or counts.index[extreme] <= 0:
@@ -195,7 +207,7 @@ def _at_a_limit(sessions: Sessions) -> Iterator[Found]:
         at_limit = values == value
         text = (
             f"{_share(count, counts.sum(), quantity.name)} the {which} of all, {value:g}: the limit"
-            f" of the control? There are {by_environment(sessions.table, at_limit)}. Such a value"
+            f" of the control? There are {by_environment(study.table, at_limit)}. Such a value"
             " says only that the adjustment lies beyond it, and makes the spread too small."
             f" [quantities.{quantity.name}] limits = {limits} leaves them out, counts them and logs"
             " them."
@@ -232,11 +244,11 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[
             yield subject, name
 
 
-def _empty_cells(sessions: Sessions) -> Iterator[Found]:
+def _empty_cells(study: Observed) -> Iterator[Found]:
     """Name the subjects that lack an environment."""
-    cells = empty_cells(sessions.table, sessions.factors)
+    cells = empty_cells(study.table, study.factors)
     lacking = [f"{subject} at {name}" for subject, name in cells]
-    of_subjects = sessions.table.groupby("subject", sort=False)["environment"].nunique()
+    of_subjects = study.table.groupby("subject", sort=False)["environment"].nunique()
     if lacking and len(of_subjects) > 1 and (of_subjects == 1).all():
         yield Found("each subject met one environment: environments are groups of subjects")
     elif lacking:
@@ -244,10 +256,10 @@ def _empty_cells(sessions: Sessions) -> Iterator[Found]:
         yield Found(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
 
 
-def _pooled(sessions: Sessions) -> Iterator[Found]:
+def _pooled(study: Observed) -> Iterator[Found]:
     """Say how groups that the analysis does not tell apart are analysed."""
-    for column in sessions.options.pooled(sessions.table.columns):
-        levels = sessions.table.groupby(column, sort=False)["subject"].nunique()
+    for column in study.options.pooled(study.table.columns):
+        levels = study.table.groupby(column, sort=False)["subject"].nunique()
         if len(levels) < 2:
             continue
         sizes = ", ".join(
@@ -261,12 +273,12 @@ def _pooled(sessions: Sessions) -> Iterator[Found]:
         yield Found(text, column)
 
 
-def slips(sessions: Sessions) -> Iterator[Found]:
+def slips(study: Observed) -> Iterator[Found]:
     """Name adjustments that look mistyped, by quantity and in the order of the rows.
 
     Parameters
     ----------
-    sessions : Sessions
+    study : Observed
         Trials.
 
     Yields
@@ -275,9 +287,9 @@ def slips(sessions: Sessions) -> Iterator[Found]:
         A value about ten times, or a tenth of, what the others and the same subject's other trials
         lead one to expect; or thirty times off the median of the others, either way.
     """
-    for quantity in sessions.adjusted:
+    for quantity in study.adjusted:
         column = f"{quantity.name}_adj"
-        trials = sessions.table[sessions.table[column] > 0]
+        trials = study.table[study.table[column] > 0]
         reference = trials[f"{quantity.name}_ref"]
         shown_at = np.log10(reference.where(reference > 0))
         values = trials[column]
@@ -326,7 +338,7 @@ def _mistyped(
                 yield index, others.index
 
 
-_CHECKS: tuple[Callable[[Sessions], Iterator[Found]], ...] = (
+_CHECKS: tuple[Callable[[Observed], Iterator[Found]], ...] = (
     _logarithms,
     _codes,
     _without_logarithm,

@@ -366,7 +366,8 @@ def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
         rules.append((column, "a published table has no empty cells.", table[column].isna()))
     for column, message, wrong in rules:
         for row, value in table[column][wrong].items():
-            yield Found(message, column, row, value, "Correct or remove it.")
+            said = None if value != value else value
+            yield Found(message, column, row, said, "Correct or remove it.")
     given = {
         (environment, column.removesuffix("_ref")): value
         for environment, references in options.environments.items()

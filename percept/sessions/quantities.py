@@ -44,13 +44,10 @@ def refuse_unfilled(tables: Any) -> None:
     """Refuse a scene in whose tables on data a `TO_FILL_IN` is left."""
     if not isinstance(tables, Mapping):
         return
-    left: list[str] = []
     for name in ("quantities", "columns", "environments"):
-        left += _unfilled(tables.get(name), name)
-    if left:
-        also = f", and neither is {', '.join(left[1:])}" if len(left) > 1 else ""
-        hint = 'Write what is right in the place of each "?"; a reference of zero is 0.0.'
-        raise UsageError(f"is not filled in{also}.", key=left[0], value=TO_FILL_IN, hint=hint)
+        for key in _unfilled(tables.get(name), name):
+            hint = 'Write what is right in the place of each "?"; a reference of zero is 0.0.'
+            raise UsageError("is not filled in.", key=key, value=TO_FILL_IN, hint=hint)
 
 
 def _unfilled(value: Any, key: str) -> Iterator[str]:

@@ -154,11 +154,19 @@ class Sessions:
         rows = dict(list(self.table.groupby("environment", sort=False)))
         return ((name, rows[name]) for name in self.environments)
 
+    @property
+    def _observed(self) -> doubts.Observed:
+        """What checks look at."""
+        return doubts.Observed(
+            self.table, self.references, self.adjusted, self.options, self.factors
+        )
+
     @cached_property
     def warnings(self) -> tuple[Notice, ...]:
         """What to look at before believing the study."""
         notices = []
-        for message, column, index, *_ in doubts.doubts(self):
+        found = doubts.doubts(self._observed, are_trials=self.form == "trials")
+        for message, column, index, *_ in found:
             file, row = (None, None) if index is None else self.locate(index)
             notices.append(Notice(message, file, row, column))
         return tuple(notices)
@@ -166,7 +174,7 @@ class Sessions:
     @cached_property
     def slips(self) -> tuple[Found, ...]:
         """Adjustments that look mistyped, by the labels of their rows; none in summary form."""
-        return tuple(doubts.slips(self)) if self.form == "trials" else ()
+        return tuple(doubts.slips(self._observed)) if self.form == "trials" else ()
 
     def left_out(self, environment: str, parameter: str) -> int:
         """Count the adjustments of a cell that are left out at a limit of their control."""
@@ -320,7 +328,6 @@ def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
 def _in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
     """Order environments as the scene lists them, and the rest by references."""
     ranks = {name: rank for rank, name in enumerate(listed)}
-    rank = [ranks.get(str(name), len(ranks)) for name in references.index]
-    ranked = references.assign(_rank=rank)
+    ranked = references.assign(_rank=[ranks.get(name, len(ranks)) for name in references.index])
     by = ["_rank", *references.columns]
-    return tuple(str(name) for name in ranked.sort_values(by, kind="stable").index)
+    return tuple(map(str, ranked.sort_values(by, kind="stable").index))

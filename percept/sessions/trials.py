@@ -259,9 +259,8 @@ def _whole(file: OpenFile, trials: pd.Series[float]) -> pd.Series[int]:
     """Numbers of trials; those that are not whole are problems."""
     whole = (trials.abs() < _WHOLE) & (trials == trials.round())
     hint = "Number the trials 1, 2, 3 …"
-    wrong = trials[~whole & trials.notna()].items()
-    message = "a trial number must be whole."
-    file.report(Found(message, "trial", row, value, hint) for row, value in wrong)
+    for row, value in trials[~whole & trials.notna()].items():
+        file.report([Found("a trial number must be whole.", "trial", row, value, hint)])
     return trials.where(whole, 0).astype(np.int64)
 
 
@@ -271,10 +270,8 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
         return data
     ids = [column for column in (*IDS, "trial") if column in data]
     numbers = [column for column in _numbers(file, data) if column != "trial"]
-    filled = data.groupby(ids, sort=False, dropna=False)[numbers].ffill()
     # Physical lines may repeat in a wide table: values go by position.
-    for column in numbers:
-        data[column] = filled[column].to_numpy()
+    data[numbers] = data.groupby(ids, sort=False, dropna=False)[numbers].ffill().to_numpy()
     is_last = ~data.duplicated(ids, keep="last").to_numpy()
     rows = len(data)
     earlier = rows - int(is_last.sum())
