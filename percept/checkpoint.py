@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from percept.cache import digest
 from percept.errors import RefusalError, UsageError, counted
 from percept.files import exclusive
 from percept.workers import Mapper, in_process
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 #: The result of one study, as a line of JSON has it.
 Line = dict[str, Any]
 # How every line starts: what is left of one cut short is told from a file of something else.
 _START = '{"plan": "'
+
+
+def plan_digest(plan: DataclassInstance) -> str:
+    """Return a digest that tells results of different plans apart."""
+    return digest(dataclasses.asdict(plan))[:16]
 
 
 class Checkpoint:
