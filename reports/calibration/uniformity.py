@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from percept.cache import digest
-from percept.checkpoint import Line
+from percept.checkpoint import Line, plan_digest
 from percept.errors import RefusalError
 from percept.workers import Mapper, in_process
 from reports.page import store
@@ -213,7 +212,7 @@ def calibrate(
     progress : callable, optional
         Told how many studies are finished, and of how many.
     """
-    kept = store(folder, digest(dataclasses.asdict(plan))[:16])
+    kept = store(folder, plan_digest(plan))
     study = functools.partial(placed, place, plan)
     lines = kept.complete(study, fits, mapper=mapper, progress=progress)
     return judge_places(plan.name, plan.bins, lines)
