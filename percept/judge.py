@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.cache import digest
+from percept.checkpoint import plan_digest
 from percept.errors import RefusalError, UsageError
 from percept.haptics import Loop
 from percept.haptics.perceived import perceived_magnitude
@@ -81,7 +81,7 @@ class CoveragePlan:
     @property
     def key(self) -> str:
         """A digest that tells results of different plans apart."""
-        return digest(dataclasses.asdict(self))[:16]
+        return plan_digest(self)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
