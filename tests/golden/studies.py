@@ -23,7 +23,6 @@ method limits and probabilities are, which have a Monte Carlo error.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -37,7 +36,7 @@ from tests import DATASETS
 from tests.documents import build_document
 from tests.fits import SHARED
 
-__all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "as_frozen", "flat", "frozen_part"]
+__all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "flat", "frozen_part"]
 
 FOLDER = Path(__file__).resolve().parent
 _DATA = FOLDER / "data"
@@ -60,8 +59,6 @@ _LABELS = (
     "statistic", "statement",
 )  # fmt: skip
 _LIMITS = {"lower", "estimate", "upper"}
-#: Where report.json was changed since: a pattern of names of today, and what was frozen.
-RENAMED: dict[str, str] = {}
 
 Document = Mapping[str, Any]
 
@@ -129,7 +126,7 @@ def flat(document: Document) -> dict[str, Any]:
     parts = {name: part for name, part in document.items() if name not in _OTHERS}
     found: dict[str, Any] = {}
     for name, value in _values(parts, ""):
-        row, bracket, field = as_frozen(name).rpartition("].")
+        row, bracket, field = name.rpartition("].")
         if bracket:
             found.setdefault(f"{row}]", {})[field] = value
         else:
@@ -139,13 +136,6 @@ def flat(document: Document) -> dict[str, Any]:
         if isinstance(row, dict) and row.keys() >= _LIMITS:
             row["limits"] = [row.pop(name) for name in sorted(_LIMITS)]
     return found
-
-
-def as_frozen(name: str) -> str:
-    """Return the name that a number had when it was frozen."""
-    for now, then in RENAMED.items():
-        name = re.sub(now, then, name)
-    return name
 
 
 def _values(value: Any, name: str) -> Iterator[tuple[str, Any]]:

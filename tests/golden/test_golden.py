@@ -12,7 +12,7 @@ import pytest
 
 from tests import LONG
 from tests.golden.compare import EXACT, FAR, POINTWISE, differences
-from tests.golden.studies import FOLDER, RENAMED, STUDIES, flat, frozen_part
+from tests.golden.studies import FOLDER, STUDIES, frozen_part
 
 
 @functools.cache
@@ -44,13 +44,6 @@ def test_numbers_are_as_frozen(golden):
         now = now_of(golden, classical, classical)
         old = {**old, "endpoints": {}, "estimates": {}}
     assert differences(old, now) == []
-
-
-def test_what_was_renamed_is_found_under_its_old_name(monkeypatch):
-    monkeypatch.setitem(RENAMED, r"^estimates\[", "intervals[")
-    monkeypatch.setitem(RENAMED, r"\.size$", ".n")
-    document = {"estimates": [{"environment": "E", "size": 3, "covers": "A sentence of words."}]}
-    assert flat(document) == {"intervals[E]": {"n": 3, "covers": "A sentence of words."}}
 
 
 @pytest.mark.parametrize(

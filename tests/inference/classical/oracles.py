@@ -72,21 +72,13 @@ def _farthest_mean(r: mp.mpf, outside: mp.mpf) -> mp.mpf:
     lower, upper = mp.mpf(0), r + mp.sqrt(2) * mp.erfinv(2 * outside - 1)
     if upper <= 0:
         return mp.mpf(0)
-    x = upper
-    for _ in range(200):
-        value = (mp.erfc((r + x) / mp.sqrt(2)) + mp.erfc((r - x) / mp.sqrt(2))) / 2 - outside
-        if value > 0:
-            upper = x
-        else:
-            lower = x
-        slope = mp.npdf(r - x) - mp.npdf(r + x)
-        new = x - value / slope if slope else (lower + upper) / 2
-        if not lower < new < upper:
-            new = (lower + upper) / 2
-        if abs(new - x) <= mp.mpf(10) ** (3 - DIGITS) * (x + r):
-            return new
-        x = new
-    return x
+
+    def excess(x: mp.mpf) -> mp.mpf:
+        return (mp.erfc((r + x) / mp.sqrt(2)) + mp.erfc((r - x) / mp.sqrt(2))) / 2 - outside
+
+    if excess(upper) <= 0 or excess(lower) >= 0:
+        return upper if excess(upper) <= 0 else lower
+    return mp.findroot(excess, (lower, upper), solver="anderson", verify=False)
 
 
 def grid() -> list[tuple[int, float, float]]:
