@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lowest", "lowest", "rising_root", "root"]
+__all__ = ["Lowest", "lowest", "rising_root", "root", "section_minimum"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -200,7 +200,7 @@ def lowest(function: Callable[[Array, Indices], Array], grid: Array, count: int)
     dips, index = np.nonzero(falls_before & rises_after)
     low = grid[np.maximum(dips - 1, 0)]
     high = grid[np.minimum(dips + 1, grid.size - 1)]
-    between = _section_minimum(lambda x: function(x, index), low, high)
+    between = section_minimum(lambda x: function(x, index), low, high)
     refined = function(between[None], index)[0]
     # The grid's own point stays where it is as low: at the ends of the range a section stops short.
     dip_values = on_grid[dips, index]
@@ -213,15 +213,28 @@ def lowest(function: Callable[[Array, Indices], Array], grid: Array, count: int)
     return Lowest(values[first], x[first])
 
 
-def _section_minimum(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
+def section_minimum(
+    function: Callable[[Array], Array], low: Array, high: Array, *, rounds: int = _ROUNDS
+) -> Array:
     """Return a minimum of each of n functions, by many points of its bracket at a time.
 
-    The function takes and returns (points, n). Where several points are equally low it is near the
-    first.
+    Parameters
+    ----------
+    function : callable
+        Takes and returns (points, n).
+    low, high : ndarray, shape (n,)
+        Brackets.
+    rounds : int
+        Each shrinks the brackets to 2/17.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Where several points are equally low it is near the first.
     """
     fractions = np.linspace(0.0, 1.0, _POINTS + 2)[:, None]
     column = np.arange(low.size)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         x = low + fractions * (high - low)
         best = function(x[1:-1]).argmin(axis=0) + 1
         low = x[best - 1, column]

@@ -21,8 +21,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-#: Accuracy of shares of users: next to all limits move by less than a hundredth of an SD.
-_SHARE_ACCURACY = 3e-5
 #: Accuracy of the normal score of a limit; a map shows no finer step.
 _SCORE_ACCURACY = 1e-3
 #: Shares nearer to 0 or 1 than this count as this much: a normal score stays finite.
@@ -165,7 +163,7 @@ def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
     middle = 0.5 * (logs.low + logs.high)
     one_device = DistancePlane(*(field[None] for field in plane))
     median = least + np.exp(np.median(middle, axis=0))
-    integrals = Discs(users, one_device, median[None]).integrals(_SHARE_ACCURACY)
+    integrals = Discs(users, one_device, median[None]).integrals
     found = Range(np.empty_like(middle), np.empty_like(middle))
     edge = score_of(level)
     for integral, frequencies in integrals.items():

@@ -10,18 +10,18 @@ others not.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
-from scipy.optimize import elementwise
 
-from percept.boundary.shares import DiscIntegral, Discs, Users, score_of, share_within
+from percept.boundary.shares import Discs, Users, score_of, share_within
 from percept.haptics.loop import log_grid
 from percept.haptics.perceived import Display, displayed
 from percept.haptics.shown import shown_limits
+from percept.searches import section_minimum
 
 __all__ = [
     "CENTRALS",
@@ -33,7 +33,6 @@ __all__ = [
     "feels_real",
     "judge",
     "plane_scores",
-    "rough_probability",
     "search_grid",
     "search_scores",
     "share_error",
@@ -53,21 +52,16 @@ FEWEST_FOR_MAGNITUDE = 6
 _PER_DECADE = 12
 #: Half-widths of a resonance at which abs(Z_h) is looked at on either side: each twice the last.
 _BESIDE = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
-#: A distance of a score from the edge, in SDs, below which rounding and the search decide.
-_TOO_NEAR = 1e-6
-#: Accuracy of the log omega of a peak; the score is flat there.
-_PEAK_PLACE = 1e-5
-#: Accuracy of the score of a peak, in SDs.
-_PEAK_SCORE = 1e-8
-#: Draws judged first; they are doubled while the error straddles a threshold.
-_FIRST_DRAWS = 512
-#: Draws behind a map or another device, and where these do not decide: 0.95 is known to 0.014 and
-#: 0.007 by them.
+#: A distance of a score from the edge, in SDs, below which the accuracy of shares and of the search
+#: decides.
+_TOO_NEAR = 2e-4
+#: Rounds of the search for a peak: its place is known to 2e-3 of the bracket, and the score is flat
+#: there.
+_PEAK_ROUNDS = 3
+#: Draws judged first, and on: more where the error straddles a threshold.
+DRAWS = (512, 1024, 2048, 4096)
+#: The same behind a map or another device: 0.95 is known to 0.014 and 0.007 by them.
 MAP_DRAWS = (256, 1024)
-#: Accuracy of shares: at the edge of a 99 % range 1e-6 of the users are 7e-5 SDs.
-_ACCURACY = 1e-6
-#: The same on maps.
-_MAP_ACCURACY = 1e-4
 #: Standard errors between a probability and a threshold that decide.
 _CLEAR = 2.0
 
@@ -79,13 +73,13 @@ class Evidence:
     probability: float  # By abs(Z_h) and by effective stiffness and damping
     magnitude: float  # By abs(Z_h) alone
     plane: float  # By effective stiffness and damping alone
-    by_central: tuple[float, ...]  # Probability against each central share of `CENTRALS`
-    lowest: float  # By abs(Z_h) at the one omega where it is least probable
-    lowest_omega: float  # rad/s; of many devices, the median of theirs
+    by_central: tuple[float, ...]  # Probability against each further central share
     error: float  # Monte Carlo standard error of `probability`, with the draws that are too near
     too_near: float  # Share of draws whose score is nearer to the edge than the search resolves
     scores: Array  # (D,) Largest distance of each draw from its median user, in SDs
     real: Flags  # (D,) Under which draws it feels real
+    lowest: float = 1.0  # By abs(Z_h) at the one omega where it is least probable
+    lowest_omega: float = np.nan  # rad/s; of many devices, the median of theirs
 
     @property
     def draws(self) -> int:
@@ -118,6 +112,8 @@ def feels_real(
     *,
     central: float,
     decision: float,
+    draws: Sequence[int] = DRAWS,
+    brief: bool = False,
 ) -> Evidence:
     """Judge a display under draws of the population, as many as the verdict needs.
 
@@ -133,80 +129,45 @@ def feels_real(
         Share of all users that a central range holds.
     decision : float
         Probability from which a display is said to feel real.
+    draws : sequence of int
+        Numbers of draws after which the verdict may be clear.
+    brief : bool
+        Whether the probability is all that is wanted: not the least probable omega between
+        frequencies, nor the probability against other central shares.
 
     Returns
     -------
     Evidence
-        From the first draws, doubled until the verdict is clear or all are used.
+        From the first draws, and from more until the verdict is clear or all are used.
     """
     plane = plane_scores(display, users, float(omega.min()), float(omega.max()))
-    if omega.ndim == 1:
+    centrals = () if brief else CENTRALS
+    edges = np.unique([score_of(share) for share in (central, *centrals)])
+    if omega.ndim == 1 and not brief:
         omega = np.union1d(omega, _typical_peaks(display, users, omega))
-    judged: list[Scores] = []
-    start = 0
-    stop = min(_FIRST_DRAWS, users.size)
-    while True:
-        some = slice(start, stop)
-        shown = display
-        if display.count is not None:
-            shown = display.select(np.arange(start, stop))
-        some_omega = omega
-        if omega.ndim == 2:
-            some_omega = omega[some]
-        judged.append(search_scores(shown, users.select(some), some_omega, central))
-        evidence = _evidence(judged, plane[:stop], omega, central)
-        if stop == users.size or evidence.clear_of(decision):
-            return evidence
-        start = stop
-        stop = min(2 * stop, users.size)
-
-
-def rough_probability(
-    display: Display,
-    users: Users,
-    omega: Array,
-    *,
-    central: float,
-    decision: float,
-) -> float:
-    """Return the share of draws under which a display feels real, without a search between omega.
-
-    Parameters
-    ----------
-    display : Display
-        One environment, directly or through a coupling.
-    users : Users
-        Populations, in random order.
-    omega : ndarray, shape (M,)
-        rad/s, dense where scores peak.
-    central, decision : float
-        As of `feels_real`.
-
-    Returns
-    -------
-    float
-        For maps: shares of users are known to some ten-thousandths. It is that of 256 draws, or
-        of 1,024 where these are not clear of `decision` and of one minus it.
-    """
-    edge = score_of(central)
-    plane = plane_scores(display, users, omega[0], omega[-1])
-    real = 0
-    start = 0
-    for stop in MAP_DRAWS:
-        stop = min(stop, users.size)
-        inside = start + np.flatnonzero(plane[start:stop] <= edge)
-        if inside.size:
-            discs = Discs.of(display, users.select(inside), omega)
-            scores = _scores(discs.shares(_MAP_ACCURACY))
-            real += int(np.count_nonzero(scores.max(axis=1) <= edge))
-            # Further draws are looked at where one of these is worst, or outside.
-            outside = np.flatnonzero((scores > edge).any(axis=0))
-            omega = omega[np.union1d(scores.argmax(axis=1), outside)]
-        probability = real / stop
-        if _is_clear(probability, share_error(probability, stop), decision):
+    looked_at = np.arange(omega.shape[-1])
+    outside = np.zeros(looked_at.size)
+    magnitude = np.empty(0)
+    for stop in draws:
+        some = np.arange(magnitude.size, min(stop, users.size))
+        shown = display if display.count is None else display.select(some)
+        some_omega = omega[looked_at] if omega.ndim == 1 else omega[some]
+        scores = search_scores(shown, users.select(some), some_omega, edges)
+        magnitude = np.append(magnitude, scores.largest)
+        outside[looked_at] += np.count_nonzero(scores.at_omega > score_of(central), axis=0)
+        evidence = _evidence(magnitude, plane[: magnitude.size], central, centrals)
+        if magnitude.size == users.size or evidence.clear_of(decision):
             break
-        start = stop
-    return probability
+        if omega.ndim == 1 and some[0] == 0:
+            # Further draws are looked at where one of these is worst, and on either side.
+            worst = np.bincount(scores.at_omega.argmax(axis=1), minlength=looked_at.size)
+            looked_at = np.flatnonzero(np.convolve(worst, np.ones(3), mode="same"))
+    lowest = int(np.argmax(outside))
+    return dataclasses.replace(
+        evidence,
+        lowest=1.0 - float(outside[lowest]) / magnitude.size,
+        lowest_omega=float(np.median(omega[..., lowest])),
+    )
 
 
 def _is_clear(probability: float, error: float, decision: float) -> bool:
@@ -246,34 +207,19 @@ def share_error(share: float, count: int) -> float:
 
 
 def _evidence(
-    judged: list[Scores],
-    plane: Array,
-    omega: Array,
-    central: float,
+    magnitude: Array, plane: Array, central: float, centrals: Sequence[float]
 ) -> Evidence:
-    """Count the draws under which a display feels real."""
+    """Count the draws under which a display feels real, by their scores (D,)."""
     edge = score_of(central)
-    magnitude = np.concatenate([scores.largest for scores in judged])
     largest = np.maximum(magnitude, plane)
     inside = largest <= edge
-    inside_at = np.zeros(omega.shape[-1])
-    for scores in judged:
-        inside_at += np.count_nonzero(scores.at_omega <= edge, axis=0)
-    from_edge = np.abs(magnitude - edge)
-    too_near = _share(from_edge < _TOO_NEAR)
+    too_near = _share(np.abs(magnitude - edge) < _TOO_NEAR)
     probability = _share(inside)
-    by_central = []
-    for share in CENTRALS:
-        within = largest <= score_of(share)
-        by_central.append(_share(within))
-    lowest = int(np.argmin(inside_at))
     return Evidence(
         probability=probability,
         magnitude=_share(magnitude <= edge),
         plane=_share(plane <= edge),
-        by_central=tuple(by_central),
-        lowest=float(inside_at[lowest]) / inside.size,
-        lowest_omega=float(np.median(omega[..., lowest])),
+        by_central=tuple(_share(largest <= score_of(share)) for share in centrals),
         error=share_error(probability, inside.size) + too_near,
         too_near=too_near,
         scores=largest,
@@ -309,7 +255,7 @@ class Scores(NamedTuple):
     """
 
     at_omega: Array  # (D, M) of D draws
-    largest: Array  # (D,) over the whole range; outside every range, that of the M frequencies
+    largest: Array  # (D,) over the whole range, as far as it decides on which side of edges it lies
 
 
 def _scores(shares: Array) -> Array:
@@ -317,26 +263,20 @@ def _scores(shares: Array) -> Array:
     return np.abs(special.ndtri(np.clip(shares, 0.0, 1.0)))
 
 
-def search_scores(
-    display: Display,
-    users: Users,
-    omega: Array,
-    central: float,
-) -> Scores:
-    """Look at every frequency of `omega`, (M,) or (D, M), and between those where a score peaks."""
+def search_scores(display: Display, users: Users, omega: Array, edges: Array) -> Scores:
+    """Look at every frequency of `omega`, (M,) or (D, M), and between those where a peak decides.
+
+    A peak decides where it may pass the next of the edges, (E,), increasing.
+    """
     discs = Discs.of(display, users, omega)
-    scores = _scores(discs.shares(_ACCURACY))
+    scores = _scores(discs.shares())
     largest = scores.max(axis=1)
-    # Outside all ranges no peak is asked.
-    widest = score_of(max(*CENTRALS, central))
-    inside = largest <= widest
+    next_edge = np.append(edges, np.inf)[np.searchsorted(edges, largest)]
     highest = _reach(scores, np.atleast_2d(omega))
-    draw, index = np.nonzero((highest > largest[:, None]) & inside[:, None])
+    draw, index = np.nonzero(highest > next_edge[:, None])
     if draw.size:
-        integrals = discs.integrals(_ACCURACY)
-        found = _search_peaks(display, users, omega, (draw, index), integrals)
-        # A flat peak has no bracket and no result.
-        np.fmax.at(largest, draw, found.score)
+        found, _ = _peaks(display, users, omega, (draw, index), discs)
+        np.maximum.at(largest, draw, found)
     return Scores(scores, largest)
 
 
@@ -347,11 +287,11 @@ def _typical_peaks(display: Display, users: Users, omega: Array) -> Array:
     """
     typical = users.typical()
     discs = Discs.of(display, typical, omega)
-    scores = _scores(discs.shares(_MAP_ACCURACY))
-    draw, index = np.nonzero(np.isfinite(_reach(scores, omega[None])))
-    integrals = discs.integrals(_MAP_ACCURACY)
-    found = _search_peaks(display, typical, omega, (draw, index), integrals)
-    return found.omega[np.isfinite(found.score)]
+    peaks = np.nonzero(np.isfinite(_reach(_scores(discs.shares()), omega[None])))
+    if not peaks[0].size:
+        return np.empty(0)
+    _, found = _peaks(display, typical, omega, peaks, discs)
+    return found
 
 
 def _reach(scores: Array, omega: Array) -> Array:
@@ -374,47 +314,31 @@ def _reach(scores: Array, omega: Array) -> Array:
     return reach
 
 
-class _Peaks(NamedTuple):
-    """The n peaks of scores over omega, (n,)."""
-
-    score: Array  # The largest; NaN where none was found
-    omega: Array  # rad/s
-
-
-def _search_peaks(
+def _peaks(
     display: Display,
     users: Users,
     omega: Array,
     peaks: tuple[Indices, Indices],
-    integrals: Mapping[DiscIntegral, Flags],
-) -> _Peaks:
-    """Search each peak, given by its draw and its frequency."""
+    discs: Discs,
+) -> tuple[Array, Array]:
+    """Return the largest score at each of n peaks, by draw and frequency, and its omega, rad/s."""
     draw, index = peaks
-    log_omega = np.log(np.atleast_2d(omega))
-    row = draw if len(log_omega) > 1 else np.zeros_like(draw)
+    log_omega = np.log(np.broadcast_to(omega, (users.size, omega.shape[-1])))
 
-    def depth_at(log_omega: Array, draw: Array, index: Array) -> Array:
-        which = draw.astype(np.intp)
-        shown = display
-        if display.count is not None:
-            shown = display.select(which)
-        plane, radius = displayed(shown, np.exp(log_omega))
+    def depth(log_omega: Array) -> Array:
+        """Return scores at (points, n) frequencies with their sign changed."""
+        which = np.broadcast_to(draw, log_omega.shape).ravel()
+        column = np.broadcast_to(index, log_omega.shape).ravel()
+        shown = display if display.count is None else display.select(which)
+        plane, radius = displayed(shown, np.exp(log_omega).ravel())
         shares = np.empty(radius.shape)
-        for integral, frequencies in integrals.items():
-            (here,) = np.nonzero(frequencies[index.astype(np.intp)])
+        for integral, frequencies in discs.integrals.items():
+            (here,) = np.nonzero(frequencies[column])
             some = users.select(which[here])
             shares[here] = share_within(some, plane.select(here), radius[here], integral)
-        return -_scores(shares)
+        return -_scores(shares).reshape(log_omega.shape)
 
-    low = log_omega[row, index - 1]
-    middle = log_omega[row, index]
-    high = log_omega[row, index + 1]
-    # SciPy divides zero by zero where three values are equal.
-    with np.errstate(invalid="ignore"):
-        lowest = elementwise.find_minimum(
-            depth_at,
-            (low, middle, high),
-            args=(draw.astype(float), index.astype(float)),
-            tolerances={"xatol": _PEAK_PLACE, "fatol": _PEAK_SCORE, "xrtol": 0.0, "frtol": 0.0},
-        )
-    return _Peaks(-np.asarray(lowest.f_x), np.exp(lowest.x))
+    low = log_omega[draw, index - 1]
+    high = log_omega[draw, index + 1]
+    place = section_minimum(depth, low, high, rounds=_PEAK_ROUNDS)
+    return -depth(place[None])[0], np.exp(place)

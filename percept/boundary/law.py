@@ -210,7 +210,8 @@ class PairLaw:
         places = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
         k_axis, b_axis = self.axes
         grid = k_axis.places(), b_axis.places()
-        density = RectBivariateSpline(*grid, self.density).ev(*places)
+        # A spline of a narrow ridge falls below zero beside it.
+        density = np.maximum(RectBivariateSpline(*grid, self.density).ev(*places), 0.0)
         by_batch = np.empty((count, 0))
         if self.batch_count:
             batches = np.moveaxis(self.batches, 0, -1)

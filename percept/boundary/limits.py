@@ -123,7 +123,8 @@ class _Curves:
         order = logs.argsort(axis=1)
         weights = probability[order] / probability.sum()
         below = np.cumsum(weights, axis=1) - 0.5 * weights
-        self._scores = special.ndtri(below)  # (M, P) of the probability below
+        # (M, P) of the probability below
+        self._scores = special.ndtri(np.clip(below, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY))
         self._in_order = np.take_along_axis(logs, order, axis=1)
         self.logs = logs  # (M, P)
         #: (M, P) score of each curve.

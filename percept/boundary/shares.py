@@ -8,7 +8,7 @@ normal law given the first. `Discs` takes it by the fewest nodes that settle its
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -39,13 +39,14 @@ LEAST = np.finfo(np.float64).tiny
 _LARGEST_LOG = 90.0
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
-#: Beyond so many SDs lies less than 1e-12 of a population.
-_FARTHEST = 7.2
 #: Nodes tried, from the fewest on: two counts in a row that agree have settled. Narrow discs in
 #: wide populations need the last.
 _NODE_COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)
-#: Of an integral's accuracy, what may lie beyond each of its ends.
-_BEYOND_EDGE = 0.05
+#: Accuracy of shares: at the edge of a 99 % range 1e-5 of the users are 7e-4 SDs. Errors are far
+#: smaller, as half as many nodes again add a digit.
+_ACCURACY = 1e-5
+#: SDs from the mean at which an integral ends: beyond each end may lie a twentieth of the accuracy.
+_EDGE = float(-special.ndtri(0.05 * _ACCURACY))
 #: Of the accuracy, by how much two counts in a row may differ: half as many nodes again gain little
 #: where a disc ends at a slant.
 _AGREEMENT = 0.25
@@ -146,7 +147,6 @@ class DiscIntegral(NamedTuple):
 
     inner: int  # 0 where stiffness has its law given damping, 1 the other way round
     nodes: int  # Over the other quantity
-    edge: float = _FARTHEST  # SDs of it from the mean at which the integral ends
     #: Even nodes from edge to edge, by far the best where the disc does not end between; else dense
     #: at the ends of the disc.
     even: bool = False
@@ -204,10 +204,10 @@ def share_within(
     """
     outer, inner = _outer_and_inner(users, plane, integral.inner)
     if integral.even:
-        low = np.array(-integral.edge)
+        low = np.array(-_EDGE)
         high = -low
     else:
-        low, high = _ends(outer, radius, integral.edge, log=users.log)
+        low, high = _ends(outer, radius, log=users.log)
     half = 0.5 * (high - low)
     middle = 0.5 * (high + low)
     places, weights = _nodes(integral.nodes, even=integral.even)
@@ -228,16 +228,10 @@ def _outer_and_inner(users: Users, plane: DistancePlane, inner: int) -> tuple[_Q
     return (stiffness, damping) if inner == DAMPING else (damping, stiffness)
 
 
-def _ends(
-    outer: _Quantity,
-    radius: Array,
-    edge: float,
-    *,
-    log: bool,
-) -> tuple[Array, Array]:
-    """Return the scores of the outer quantity between which the disc lies, within an edge."""
-    first = np.clip(outer.score_at(-radius, log=log), -edge, edge)
-    second = np.clip(outer.score_at(radius, log=log), -edge, edge)
+def _ends(outer: _Quantity, radius: Array, *, log: bool) -> tuple[Array, Array]:
+    """Return the scores of the outer quantity between which the disc lies, within the edges."""
+    first = np.clip(outer.score_at(-radius, log=log), -_EDGE, _EDGE)
+    second = np.clip(outer.score_at(radius, log=log), -_EDGE, _EDGE)
     return np.minimum(first, second), np.maximum(first, second)
 
 
@@ -309,7 +303,6 @@ class Discs:
         self._users = users
         self._plane = plane
         self._radius = radius
-        self._integrals: dict[float, dict[DiscIntegral, Flags]] = {}
 
     @classmethod
     def of(
@@ -328,10 +321,10 @@ class Discs:
         fields = [field.reshape(omega.shape) for field in plane]
         return cls(users, DistancePlane(*fields), radius.reshape(omega.shape))
 
-    def shares(self, accuracy: float) -> Array:
+    def shares(self) -> Array:
         """Return all shares, (D, M)."""
         shares = np.empty((self._users.size, self._radius.shape[1]))
-        for integral, frequencies in self.integrals(accuracy).items():
+        for integral, frequencies in self.integrals.items():
             nodes = int(frequencies.sum()) * integral.nodes
             step = max(1, _PASS // nodes)
             for start in range(0, self._users.size, step):
@@ -341,19 +334,17 @@ class Discs:
                 shares[rows, frequencies] = share_within(some, plane, radius, integral)
         return shares
 
-    def integrals(self, accuracy: float) -> dict[DiscIntegral, Flags]:
+    @cached_property
+    def integrals(self) -> dict[DiscIntegral, Flags]:
         """Say for each integral at which frequencies (M,) it settles with the fewest nodes.
 
         A few populations are tried: which order is smooth depends on the frequency more than on the
         draw.
         """
-        if accuracy not in self._integrals:
-            few = slice(None, None, max(1, self._users.size // _TRIED))
-            every = np.ones(self._radius.shape[1], dtype=bool)
-            plane, radius = self._block(few, every)
-            users = self._users.select(few).column()
-            self._integrals[accuracy] = _chosen(users, plane, radius, accuracy)
-        return self._integrals[accuracy]
+        few = slice(None, None, max(1, self._users.size // _TRIED))
+        every = np.ones(self._radius.shape[1], dtype=bool)
+        plane, radius = self._block(few, every)
+        return _chosen(self._users.select(few).column(), plane, radius)
 
     def _block(self, rows: slice, columns: Flags) -> tuple[DistancePlane, Array]:
         """Return the discs of some populations at some frequencies."""
@@ -367,13 +358,11 @@ def _chosen(
     users: Users,
     plane: DistancePlane,
     radius: Array,
-    accuracy: float,
 ) -> dict[DiscIntegral, Flags]:
     """Try integrals on populations (D, 1), from the fewest nodes on."""
     shape = np.broadcast_shapes(users.correlation.shape, radius.shape)
-    edge = float(-special.ndtri(_BEYOND_EDGE * accuracy))
     candidates = [
-        DiscIntegral(inner, nodes, edge, even)
+        DiscIntegral(inner, nodes, even)
         for nodes in _NODE_COUNTS
         for even in (True, False)
         for inner in (STIFFNESS, DAMPING)
@@ -391,7 +380,7 @@ def _chosen(
         coarser = shares[int(integral.even), integral.inner]
         change = np.abs(finer - coarser[:, unsettled]).max(axis=0)
         coarser[:, unsettled] = finer
-        settled = change < _AGREEMENT * accuracy
+        settled = change < _AGREEMENT * _ACCURACY
         if integral.even:
             settled &= _reaches_edges(users, some, there, integral)
         chosen[unsettled[settled]] = number
@@ -407,8 +396,8 @@ def _reaches_edges(
 ) -> Flags:
     """Say at which frequencies (M,) no population's disc ends between the edges."""
     outer, _ = _outer_and_inner(users, plane, integral.inner)
-    low, high = _ends(outer, radius, integral.edge, log=users.log)
-    below = low == -integral.edge
-    above = high == integral.edge
+    low, high = _ends(outer, radius, log=users.log)
+    below = low == -_EDGE
+    above = high == _EDGE
     whole = below & above
     return np.asarray(whole.all(axis=0))

@@ -21,7 +21,6 @@ from percept.boundary.feels_real import (
     Evidence,
     feels_real,
     judge,
-    rough_probability,
     share_error,
 )
 from percept.boundary.shares import Users
@@ -177,6 +176,7 @@ class _Judge:
             self._searched,
             central=self.scene.verdict.central,
             decision=self.scene.inference.decision,
+            brief=True,
         )
 
 
@@ -379,9 +379,15 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
             if not any(rendered):
                 continue
             probabilities = [
-                rough_probability(
-                    display, population, omega, central=scene.verdict.central, decision=decision
-                )
+                feels_real(
+                    display,
+                    population,
+                    omega,
+                    central=scene.verdict.central,
+                    decision=decision,
+                    draws=MAP_DRAWS,
+                    brief=True,
+                ).probability
                 for display, omega in displays
             ]
             verdict = ChangedVerdict(

@@ -123,7 +123,7 @@ def searched(display: Display, sd: float) -> Array:
 def margin(display: Display, users: Users) -> float:
     """Return the smallest margin of abs(Z_h) over the range, SDs of known users."""
     omega = searched(display, float(users.sd[0, 0]))
-    return EDGE - float(search_scores(display, users, omega, LEVEL).largest[0])
+    return EDGE - float(search_scores(display, users, omega, np.array([EDGE])).largest[0])
 
 
 @functools.cache

@@ -19,6 +19,7 @@ from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.perceived import Display
 
 LEVEL, DECISION = 0.99, 0.95
+EDGES = np.unique([score_of(central) for central in (*CENTRALS, LEVEL)])
 WALL = Environment(stiffness=500.0, damping=2.0)
 DISPLAY = Display(Loop(Device(mass=0.5, damping=5.0), 1e-3), WALL)
 OMEGA = search_grid(0.1, 100.0, np.array([np.sqrt(500.0 / 0.5)]), np.array([0.02]))
@@ -54,14 +55,11 @@ def random_scene(seed, *, draws):
 def test_against_a_fine_grid(seed):
     display, users, omega = random_scene(seed, draws=12)
     dense = np.union1d(omega, np.geomspace(0.1, 100.0, 1_500))
-    mine = search_scores(display, users, omega, LEVEL).largest
-    fine = search_scores(display, users, dense, LEVEL).largest
-    for central in (*CENTRALS, LEVEL):
-        differing = (mine <= score_of(central)) != (fine <= score_of(central))
-        assert np.all(np.abs(fine[differing] - score_of(central)) < 1e-6)
-    # Shares far from an edge are known to a ten-thousandth.
-    inside = fine <= score_of(LEVEL)
-    assert mine[inside] == pytest.approx(fine[inside], abs=1e-3)
+    mine = search_scores(display, users, omega, EDGES).largest
+    fine = search_scores(display, users, dense, EDGES).largest
+    for edge in EDGES:
+        differing = (mine <= edge) != (fine <= edge)
+        assert np.all(np.abs(fine[differing] - edge) < 1e-6)
 
 
 def test_the_least_probable_omega_is_found_between_frequencies():
@@ -71,10 +69,10 @@ def test_the_least_probable_omega_is_found_between_frequencies():
     users = populations(1.0, 0.05, count=200, spread=1.0)
     found = feels_real(narrow, users, even, central=LEVEL, decision=DECISION)
     dense = np.geomspace(25.0, 40.0, 400)
-    held = (search_scores(narrow, users, dense, LEVEL).at_omega <= score_of(LEVEL)).mean(axis=0)
+    held = (search_scores(narrow, users, dense, EDGES).at_omega <= score_of(LEVEL)).mean(axis=0)
     assert found.lowest == pytest.approx(held.min(), abs=0.02)
     assert found.lowest_omega == pytest.approx(dense[held.argmin()], rel=0.01)
-    on_grid = search_scores(narrow, users, even, LEVEL).at_omega <= score_of(LEVEL)
+    on_grid = search_scores(narrow, users, even, EDGES).at_omega <= score_of(LEVEL)
     assert found.lowest < on_grid.mean(axis=0).min() - 0.1
 
 
@@ -110,8 +108,8 @@ def test_draws_are_added_only_while_the_error_straddles_a_threshold():
     at_threshold = feels_real(DISPLAY, users, OMEGA, central=LEVEL, decision=DECISION)
     assert at_threshold.draws > clear.draws or at_threshold.clear_of(DECISION)
     straddling = Evidence(
-        probability=0.95, magnitude=0.95, plane=1.0, lowest=0.96, lowest_omega=0.1, error=0.01,
-        too_near=0.0, by_central=(), scores=np.zeros(512), real=np.ones(512, dtype=bool),
+        probability=0.95, magnitude=0.95, plane=1.0, error=0.01, too_near=0.0, by_central=(),
+        scores=np.zeros(512), real=np.ones(512, dtype=bool),
     )  # fmt: skip
     assert not straddling.clear_of(DECISION)
     # Stiffness and damping do not say it, and of few subjects abs(Z_h) does not alone.
@@ -124,7 +122,7 @@ def test_draws_are_added_only_while_the_error_straddles_a_threshold():
 def test_scores_are_those_of_the_share_below():
     # With one damping for all and at low omega abs(Z_h) orders users as their stiffness does.
     users = Users(True, np.log([[300.0], [2.0]]), np.array([[0.2], [1e-4]]), np.zeros(1))
-    (found,) = search_scores(DISPLAY, users, np.array([0.1]), LEVEL).at_omega[0]
+    (found,) = search_scores(DISPLAY, users, np.array([0.1]), EDGES).at_omega[0]
     assert found == pytest.approx(np.log(500.0 / 300.0) / 0.2, abs=1e-5)
 
 

@@ -53,7 +53,7 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
         user = users.select(slice(index, index + 1))
         omega = frequencies(one, "VE2", spread, scene)
         dense = np.union1d(omega, omega[[0]] * (omega[-1] / omega[0]) ** np.linspace(0, 1, 100))
-        score = search_scores(display, user, dense, CENTRAL).largest[0]
+        score = search_scores(display, user, dense, np.array([score_of(CENTRAL)])).largest[0]
         plane = plane_scores(display, user, dense[0], dense[-1])[0]
         inside.append(max(score, plane) <= score_of(CENTRAL))
     # Of the same draws, one or two may lie too near to the edge.
