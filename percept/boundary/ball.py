@@ -25,7 +25,7 @@ from percept.boundary.law import BEYOND, Axis, PairLaw, between, cell_and_fracti
 from percept.haptics.loop import Loop
 from percept.haptics.perceived import DistancePlane
 
-__all__ = ["Balls", "Content", "Term"]
+__all__ = ["Balls", "Content", "AxisTerm"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -54,22 +54,22 @@ _LAST_PLACE = np.ones(1)
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class AxisTerm:
     """One of the two terms of abs(Z_h)² at frequencies: gain·value + offset, of k or of b."""
 
     axis: Axis
     gain: Array  # (M,) above zero
     offset: Array  # (M,) N·s/m
 
-    def at(self, chosen: Indices | Flags | slice) -> Term:
+    def at(self, chosen: Indices | Flags | slice) -> AxisTerm:
         """Return the term at some of its frequencies."""
         gain = self.gain[chosen]
-        return Term(self.axis, gain, self.offset[chosen])
+        return AxisTerm(self.axis, gain, self.offset[chosen])
 
-    def by_row(self) -> Term:
+    def by_row(self) -> AxisTerm:
         """Return the term with a row for each frequency, (M, 1)."""
         gain = self.gain[:, None]
-        return Term(self.axis, gain, self.offset[:, None])
+        return AxisTerm(self.axis, gain, self.offset[:, None])
 
     def of_value(self, value: Array) -> Array:
         """Return the term of values of k or b, N·s/m."""
@@ -159,8 +159,8 @@ class Balls:
         self.finite = finite  # (M,) frequencies that have balls; all that follows is about them
         self.plane = plane.select(finite)
         of_k, of_b = self.plane.terms()
-        self.k = Term(k_axis, *of_k)
-        self.b = Term(b_axis, *of_b)
+        self.k = AxisTerm(k_axis, *of_k)
+        self.b = AxisTerm(b_axis, *of_b)
         self.count = int(finite.sum())
 
     def log_range(self) -> tuple[Array, Array]:
@@ -276,7 +276,7 @@ def _leg(radius: Array, other: Array) -> Array:
     return np.asarray(np.sqrt(difference) * np.sqrt(total))
 
 
-def _edge(term: Term, leg: Array, radius: Array) -> _Edge:
+def _edge(term: AxisTerm, leg: Array, radius: Array) -> _Edge:
     """Return where the inner term is as large as a leg of either sign."""
     place = term.place(leg)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -70,8 +70,10 @@ def transfer(motion: Motion) -> Fraction:
     velocity_filter = motion.loop.velocity_filter
     parts = []
     if e is not None:
-        own_filter = velocity_filter if c is None else None
-        parts.append(_element(float(e.stiffness), float(e.damping), float(e.mass), own_filter))
+        environment_filter = velocity_filter if c is None else None
+        parts.append(
+            _element(float(e.stiffness), float(e.damping), float(e.mass), environment_filter)
+        )
     if c is not None:
         parts.append(_element(float(c.stiffness), float(c.damping), 0.0, velocity_filter))
     if len(parts) == 1:
