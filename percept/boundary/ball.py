@@ -25,7 +25,7 @@ from percept.boundary.law import BEYOND, Axis, PairLaw, between, cell_and_fracti
 from percept.haptics.loop import Loop
 from percept.haptics.perceived import DistancePlane
 
-__all__ = ["Balls", "Content", "AxisTerm"]
+__all__ = ["Balls"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
