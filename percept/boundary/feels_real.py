@@ -287,10 +287,10 @@ def _typical_peaks(display: Display, users: Users, omega: Array) -> Array:
     """
     typical = users.typical()
     discs = Discs.of(display, typical, omega)
-    peaks = np.nonzero(np.isfinite(_reach(_scores(discs.shares()), omega[None])))
-    if not peaks[0].size:
+    draw, index = np.nonzero(np.isfinite(_reach(_scores(discs.shares()), omega[None])))
+    if not draw.size:
         return np.empty(0)
-    _, found = _peaks(display, typical, omega, peaks, discs)
+    _, found = _peaks(display, typical, omega, (draw, index), discs)
     return found
 
 
