@@ -50,12 +50,3 @@ def test_against_drawn_users(log, correlation):
         counted = (drawn_magnitudes(population, draw, OMEGA, rng) <= radius).mean(axis=0)
         error = np.sqrt(counted * (1.0 - counted) / DRAWN) + 1.0 / DRAWN
         assert np.all(np.abs(shares[draw] - counted) <= 4.5 * error)
-
-
-@pytest.mark.parametrize("log", [True, False])
-def test_both_orders_of_integration_agree(log):
-    plane, radius = disc(480.0, 2.5)
-    column = users(log=log).column()
-    first = share_within(column, plane, radius, DiscIntegral(0, 384))
-    second = share_within(column, plane, radius, DiscIntegral(1, 1200))
-    np.testing.assert_allclose(first, second, rtol=0.0, atol=1e-6)

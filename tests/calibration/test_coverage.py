@@ -98,18 +98,6 @@ def test_the_wrong_family_is_caught(rows: pd.DataFrame) -> None:
     assert row.held < 0.9 - 4 * row.error
 
 
-@pytest.mark.evidence(reduced=True)
-def test_region_boundaries_hold_whole_curves_at_their_level_and_pointwise_ones_less(
-    rows: pd.DataFrame,
-) -> None:
-    whole = {"claim": "boundary throughout", "kind": "mean", "family": "lognormal"}
-    pointwise = found(rows, shape="pointwise", **whole)
-    for joint in ("bonferroni", "hotelling"):
-        row = found(rows, joint=joint, **whole)
-        assert row.held > 0.9 - 3 * row.error
-        assert pointwise.held < row.held
-
-
 @QUIET
 def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Path) -> None:
     path = tmp_path / "judged.jsonl"

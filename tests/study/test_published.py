@@ -2,7 +2,6 @@
 
 import math
 
-import pandas as pd
 import pytest
 
 from percept import Scene, Study, read_sessions
@@ -66,11 +65,3 @@ def test_growth_of_girls_and_boys():
     assert of_sex["boy"] > of_sex["girl"]
     of_age = list(means(made, "age").values())
     assert of_age == sorted(of_age)
-
-
-@pytest.mark.parametrize("name", ["sleep", "stools", "growth"])
-def test_the_files_are_described(name):
-    text = (DATASETS / "README.md").read_text(encoding="utf-8")
-    for column in pd.read_csv(DATASETS / f"{name}.csv", nrows=1):
-        assert f"`{column}`" in text
-    assert f"--scene datasets/{name}.toml" in text

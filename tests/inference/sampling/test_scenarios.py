@@ -10,7 +10,6 @@ import pytest
 
 from percept import RefusalError, Scene, Study
 from percept.cli import main
-from tests import LONG
 
 KINDS = ("mean", "user", "share")
 DECADES = {"k": (10.0, 5e4), "b": (0.1, 50.0)}
@@ -72,24 +71,6 @@ def on_the_model_scale(fit):
 def half_widths(fit):
     limits, _ = on_the_model_scale(fit)
     return 0.5 * (limits[:, 1] - limits[:, 0])
-
-
-@pytest.fixture(scope="module")
-def plain():
-    return answered(study_of(table_of(responses(6, 2, seed=3)), tolerance=0.2))
-
-
-@pytest.mark.evidence(reduced=True)
-@pytest.mark.parametrize("unit", [1e-6, 1e6] if LONG else [1e6])
-def test_units_of_the_data_only_scale_the_limits(plain, unit):
-    scaled = answered(study_of(table_of(responses(6, 2, seed=3), unit=unit), tolerance=0.2))
-    difference = on_the_model_scale(plain)[0] - on_the_model_scale(scaled)[0]
-    error = np.hypot(on_the_model_scale(plain)[1], on_the_model_scale(scaled)[1])
-    assert np.abs(difference / error).max() < 5.0
-    for k, kind in enumerate(KINDS):
-        for side in (0, 1):
-            ratio = np.log(scaled.limits[kind][side] / plain.limits[kind][side] / unit)
-            np.testing.assert_allclose(ratio, -difference[k, side], atol=1e-12)
 
 
 def test_a_wild_subject_widens_its_environment_and_is_named():
