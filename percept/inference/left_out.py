@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from percept.inference.model.blocks import Block
 from percept.inference.model.gaussian import SubjectCovariance
 from percept.inference.model.model import LinearModel
-from percept.inference.model.subjects import SubjectLaws, subject_laws, trial_groups
+from percept.inference.model.predictions import SubjectLaws, subject_laws
 from percept.inference.model.trials import trial_scatter
 
 __all__ = ["LeftOut", "SubjectDensity"]
@@ -79,10 +79,9 @@ class SubjectDensity:
         self._means = density.statistics.cell_means
         _, self.parameters, self.environments = self._means.shape
         self._scatter = trial_scatter(response, subject, environment)
+        self._subject = np.asarray(self._scatter.subject)
         #: (T, N) Whether a group of trials is of a subject
-        self._of_subject = np.equal.outer(
-            np.asarray(self._scatter.subject), np.arange(self.subjects)
-        )
+        self._of_subject = np.equal.outer(self._subject, np.arange(self.subjects))
 
     @property
     def subjects(self) -> int:
@@ -144,7 +143,8 @@ class SubjectDensity:
         if groups is None:
             return 0.0
         scatter = self._scatter
-        trial = groups[trial_groups(self.density)[scatter.subject, scatter.cell]]  # (T, W)
+        of_model = self.density.statistics.scatter
+        trial = groups[of_model.group_of(self._subject, scatter.cell)]  # (T, W)
         minus_twice = trial.distance(tuple(scatter.rows[..., None]))
         minus_twice += scatter.df[:, None] * trial.log_determinant()
         constant = scatter.df * _LOG_2PI + np.log(scatter.df + 1.0)

@@ -15,7 +15,7 @@ from scipy import special
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.left_out import SubjectDensity
-from percept.inference.model.subjects import SubjectLaws
+from percept.inference.model.predictions import SubjectLaws
 
 __all__ = [
     "STATISTICS",

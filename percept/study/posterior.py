@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 import percept
 from percept.inference.left_out import SubjectDensity
-from percept.inference.model.predictions import draw_prior
+from percept.inference.model.predictions import draw_prior, draw_subject_effects
 from percept.inference.model.priors import Named
-from percept.inference.model.subjects import draw_subject_effects
 from percept.inference.predictive import new_studies
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit

@@ -28,8 +28,7 @@ from scipy import special
 from percept.inference.classical.variability import Bounded
 from percept.inference.model.laws import Moments
 from percept.inference.model.model import LinearModel
-from percept.inference.model.predictions import trend_rows
-from percept.inference.model.subjects import cells_of_subjects
+from percept.inference.model.predictions import cells_of_subjects, trend_rows
 from percept.inference.record import FloatOrArray
 from percept.inference.sampling.endpoints import batch_errors, mixture_limits
 from percept.results import EquivalenceRow, Measure, PsychophysicsRow, Skipped

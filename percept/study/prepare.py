@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.classical.moments import Moments
-from percept.inference.model.model import Model, plain_model
-from percept.inference.model.product import Product, Unpooled
+from percept.inference.model.model import Model, Product, Unpooled, plain_model
 from percept.inference.model.statistics import from_summary
 from percept.inference.record import Kind
 from percept.results import Skipped

@@ -19,8 +19,7 @@ from percept.sessions.quantities import Quantities
 from percept.study.basics import IF_BY_TRIAL, Array, References
 
 if TYPE_CHECKING:
-    from percept.inference.model.model import Resolution
-    from percept.inference.model.statistics import Statistics
+    from percept.inference.model.statistics import Resolution, Statistics
 
 
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values
@@ -246,7 +245,7 @@ def resolution_of(trials: Trials, scene: Scene) -> Resolution | None:
 
     RefusalError where these have no step.
     """
-    from percept.inference.model.model import Resolution
+    from percept.inference.model.statistics import Resolution
 
     steps = scene.model.resolution
     statistics = trials.statistics

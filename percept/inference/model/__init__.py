@@ -1,3 +1,1 @@
 """The hierarchical model of adjusted quantities, collapsed to its scales and correlations."""
-
-__all__ = ()

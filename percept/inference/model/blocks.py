@@ -19,18 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "Block",
-    "Vector",
-    "block",
-    "log_diagonal",
-    "lower_factor",
-    "solve_lower",
-    "solve_upper",
-    "with_prior",
-]
-
 Array = NDArray[np.float64]
+
+#: Numbers in the largest temporary of a pass, 1 MB of doubles: more leave the processor's cache.
+_NUMBERS = 1 << 17
+#: Draws of a pass at the least, where calls of numpy would cost more than arithmetic, and at the
+#: most, where calls cost little already.
+_FEWEST_DRAWS = 32
+_MOST_DRAWS = 1024
 #: One array per parameter: the components of a vector for every entry of the trailing axes.
 Vector = tuple[Array, ...]
 
@@ -213,12 +209,11 @@ def _unsolved(factor: Array, right: Array) -> Array:
     return np.empty(shape)
 
 
-def with_prior(precision: Array) -> Array:
-    """Add the precision of a standard normal prior to precisions (K, K, ...)."""
-    whole = precision.copy()
-    diagonal = np.arange(len(precision))
-    whole[diagonal, diagonal] += 1.0
-    return whole
+def add_to_diagonal(matrices: Array, values: Array | float) -> Array:
+    """Add values, (K, ...) or fewer axes, to the diagonals of matrices (K, K, ...), in place."""
+    diagonal = np.arange(len(matrices))
+    matrices[diagonal, diagonal] += values
+    return matrices
 
 
 def log_diagonal(factor: Array) -> Array:
@@ -226,3 +221,8 @@ def log_diagonal(factor: Array) -> Array:
     pivots = np.einsum("ii...->i...", factor)
     logs = np.log(pivots)
     return np.asarray(logs.sum(axis=0))
+
+
+def draws_at_once(numbers: int) -> int:
+    """Draws worked on in one pass, for so many numbers of a draw in the largest temporary."""
+    return min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)

@@ -29,21 +29,6 @@ from scipy import linalg
 
 from percept.inference.model.priors import Priors
 
-__all__ = [
-    "LEVEL",
-    "TREND",
-    "Cells",
-    "Design",
-    "Factors",
-    "Options",
-    "Term",
-    "columns_by_quantity",
-    "contrast_columns",
-    "design_of",
-    "new_cells",
-    "shows_subject_trends",
-]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -112,6 +97,11 @@ class Design:
     def parameters(self) -> int:
         """Number of quantities P."""
         return len(self.cells.x)
+
+    @property
+    def effects(self) -> int:
+        """Number of effects of a subject."""
+        return self.parameters * sum(len(term.columns) for term in self.subject)
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides a density: cells and columns, since the columns hold the factors."""
@@ -294,6 +284,62 @@ def _condition_name(factors: Factors, cell: int) -> str:
     """Levels of a cell, joined."""
     levels = factors.level.items()
     return ", ".join(factors.levels[name][of_cells[cell]] for name, of_cells in levels)
+
+
+class Basis:
+    """Locations of a design as combinations of latents.
+
+    The latents are the own deviations of each environment, with SDs tau, and then r that are
+    standard normal: coefficients of fixed terms over their prior SDs, and the same of slopes.
+
+    Parameters
+    ----------
+    design : Design
+        Of P quantities in C cells and J environments.
+    covariates : int
+        How many covariates have slopes.
+    covariate_sd : float
+        Prior SD of a slope.
+
+    Attributes
+    ----------
+    own, fixed : ndarray
+        Columns of own deviations, (a, P, C), and of fixed terms, (f, P, C).
+    deviations : int
+        Number a J of own deviations.
+    matrix : ndarray
+        Weights (R, a J + r) of the latents in R locations: cells by quantity, slopes of all
+        quantities by covariate, and coefficients of fixed terms.
+    """
+
+    def __init__(
+        self,
+        design: Design,
+        covariates: int,
+        covariate_sd: float,
+    ) -> None:
+        quantities, cells = design.cells.x.shape
+        environments = len(design.cells.environments)
+        self.own = columns_by_quantity(design.deviation, quantities, cells)
+        self.fixed = columns_by_quantity(design.fixed, quantities, cells)
+        self.deviations = len(self.own) * environments
+        own_apart = environments_apart(self.own, design.cells.environment, environments)
+        of_cells = np.concatenate([own_apart, self.fixed]).reshape(-1, quantities * cells).T
+        slopes = covariate_sd * np.eye(quantities * covariates)
+        cells_and_slopes = linalg.block_diag(of_cells, slopes)
+        coefficients = np.eye(len(self.fixed), cells_and_slopes.shape[1], self.deviations)
+        self.matrix = np.concatenate([cells_and_slopes, coefficients])
+
+
+def environments_apart(
+    columns: Array,
+    environment: Indices,
+    environments: int,
+) -> Array:
+    """Columns (a, P, n) of own deviations, in each environment alone: (a J, P, n)."""
+    inside = np.equal.outer(np.arange(environments), environment)
+    apart = columns[:, None] * inside[:, None]
+    return apart.reshape(-1, *columns.shape[1:])
 
 
 def columns_by_quantity(

@@ -1,9 +1,9 @@
 """Gaussian unknowns given scales: eliminated block by block, and the law of combinations of them.
 
-All unknowns are standard normal a priori: own deviations, a in each of J environments; effects, q
-of each pattern; and the rest, r fixed terms and slopes of covariates. Given the others, own
-deviations of two environments are independent, and so are effects of two patterns. W are the sets
-of scales, last in all arrays.
+The unknowns are own deviations, a in each of J environments, with SDs tau; effects, q of each
+pattern; and the rest, r fixed terms and slopes of covariates. Effects and the rest are standard
+normal a priori. Given the others, own deviations of two environments are independent, and so are
+effects of two patterns. W are the sets of scales, last in all arrays.
 """
 
 from __future__ import annotations
@@ -14,19 +14,12 @@ from numpy.typing import NDArray
 from percept.inference.model.blocks import (
     Block,
     Vector,
+    add_to_diagonal,
     log_diagonal,
     lower_factor,
     solve_lower,
     solve_upper,
-    with_prior,
 )
-
-__all__ = [
-    "Eliminated",
-    "Latents",
-    "SubjectCovariance",
-    "eliminate",
-]
 
 Array = NDArray[np.float64]
 
@@ -77,13 +70,13 @@ class Eliminated:
         self.pivots = np.einsum("ccw->cw", self._factor_of_others) ** 2
 
     def columns_of_others(self, weights: Array) -> Array:
-        """Columns (K, L, W) of combinations of the others alone, with weights (K, L, W)."""
+        """Columns (K, L, W) of combinations of the others alone, with weights (K, L, 1 or W)."""
         return solve_lower(self._factor_of_others[:, :, None], weights)
 
     def columns(self, weights: Array, of_others: Array) -> Array:
-        """Columns of combinations with weights (k, B, L, W) and (K, L, W).
+        """Columns (n, L, W) of combinations with weights (k, B, L, 1) and (K, L, 1).
 
-        Products of the columns, of blocks first, sum to the covariance.
+        Their products sum to the covariance.
         """
         whitened = solve_lower(self._factor[:, :, :, None], weights)
         by_blocks = np.einsum("kcbw,kblw->clw", self._explained, whitened)
@@ -166,7 +159,7 @@ class Latents:
             self.best = solved.others.copy()
 
     def columns(self, weights: Array) -> Array:
-        """Columns (n, L, W) whose products are the covariance of combinations (a J + r, L, W)."""
+        """Columns (n, L, W) whose products are the covariance of combinations (a J + r, L, 1)."""
         if not self._own_first:
             return self._solved.columns_of_others(weights)
         own_count, environments, _ = self._solved.blocks.shape
@@ -202,7 +195,7 @@ class SubjectCovariance:
         #: H, (q, P, E, W)
         self._weighted_effects = np.stack(noise.solve(tuple(by_quantity)), axis=1)
         products = np.einsum("apew,bpew->abw", effects, self._weighted_effects)
-        factor = lower_factor(with_prior(products))
+        factor = lower_factor(add_to_diagonal(products, 1.0))
         determinant = noise.log_determinant().sum(axis=0)
         #: log det V, (W,)
         self.log_determinant = determinant + 2.0 * log_diagonal(factor)
@@ -211,8 +204,8 @@ class SubjectCovariance:
 
     def whiten(self, rows: Array) -> Array:
         """Vectors (n, P E + q, W) whose products are r'V⁻¹r of rows r (n, P, E, W)."""
-        products = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
-        effects = solve_upper(self._factor, solve_lower(self._factor, products))
+        whitened = self._whitened_products(rows)
+        effects = solve_upper(self._factor, whitened)
         of_cells = self._noise.whiten(self._unexplained(rows, effects))
         return np.concatenate([*of_cells, effects.swapaxes(0, 1)], axis=1)
 
@@ -231,9 +224,13 @@ class SubjectCovariance:
 
         Given r, effects have the mean b and the covariance (LL')⁻¹: b + L'⁻¹ times normal draws.
         """
-        products = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
-        whitened = solve_lower(self._factor, products)
+        whitened = self._whitened_products(rows)
         return solve_upper(self._factor, whitened + rng.standard_normal(whitened.shape))
+
+    def _whitened_products(self, rows: Array) -> Array:
+        """L⁻¹H'r of rows r (n, P, E, W), (q, n, W)."""
+        products = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
+        return solve_lower(self._factor, products)
 
     def _unexplained(self, rows: Array, effects: Array) -> Vector:
         """Rows (n, P, E, W or 1) less what effects b (q, n, W) explain, Zb."""

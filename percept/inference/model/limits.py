@@ -22,8 +22,6 @@ from percept.inference.model.model import Model
 from percept.inference.sampling.endpoints import mixture_limits, share_half_width
 from percept.inference.sampling.gate import Estimates
 
-__all__ = ["KINDS", "Combinations", "Limits", "level_together", "limits_of"]
-
 Array = NDArray[np.float64]
 #: What a limit is of: a quantity, and an environment or another place.
 Name = tuple[str, str]

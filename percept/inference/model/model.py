@@ -14,38 +14,32 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
+from percept.errors import RefusalError
 from percept.inference.model.design import (
     TREND,
+    Basis,
     Cells,
     Design,
     Factors,
     Options,
     design_of,
 )
-from percept.inference.model.laws import Joint, Law, LinearLaw, Moments, joined
+from percept.inference.model.laws import Columns, Joint, Law, Moments, joined, user_columns
 from percept.inference.model.one_row import OneRow, is_one_row
 from percept.inference.model.patterns import SeveralPatterns
 from percept.inference.model.priors import Named, Priors
-from percept.inference.model.rows import Rows
-from percept.inference.model.scales import CellScales, Coordinates, Scales
-from percept.inference.model.statistics import Statistics
-
-__all__ = ["LinearModel", "Model", "Resolution", "plain_model"]
+from percept.inference.model.scales import CellScales, Coordinates
+from percept.inference.model.statistics import Resolution, Statistics
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-
-@dataclasses.dataclass(frozen=True)
-class Resolution:
-    """Variance that a finite resolution of the adjustment adds, on the response scale."""
-
-    between: Array  # (P, C)
-    trial: Array  # (P, C)
 
 
 class Model(ABC):
@@ -155,8 +149,8 @@ class LinearModel(Model):
     ----------
     coordinates : Coordinates
         Names of the coordinates, and their map to scales.
-    rows : Rows
-        What the data and the design say of the locations before any scale is known.
+    basis : Basis
+        The locations as combinations of latents.
     """
 
     def __init__(
@@ -173,46 +167,32 @@ class LinearModel(Model):
         self.cells = tuple(itertools.product(statistics.parameters, design.cells.names))
         self.coordinates = Coordinates(statistics, design, self.priors)
         self.names = self.coordinates.names
-        self.priors_in_force = self._priors_in_use()
         covariates = statistics.covariates
+        used = {"alpha_sd"} | self.coordinates.priors_in_use
+        if any(term.name == TREND for term in design.fixed):
+            used.add("gamma_sd")
+        if design.factors.terms:
+            used.add("lambda_sd")
+        if covariates is not None:
+            used.add("covariate_sd")
+        by_name = vars(self.priors).items()
+        self.priors_in_force = {name: value for name, value in by_name if name in used}
         compares = bool(design.factors.terms) or covariates is not None
         self.takes_options = not compares and statistics.scatter.subject is None
-        self.rows = Rows(statistics, design, self.priors.covariate_sd)
-        self.locations = self.rows.locations
+        covariate_count = len(covariates.names) if covariates is not None else 0
+        self.basis = Basis(design, covariate_count, self.priors.covariate_sd)
+        self.locations = len(self.basis.matrix)
         self.cell_rows = np.eye(len(self.cells), self.locations)
-        effect_count = len(self.coordinates.own_slopes) * design.parameters
-        for term in design.subject:
-            effect_count += len(term.columns) * design.parameters
         #: Density and latents given the scales.
         self._given_scales: OneRow | SeveralPatterns
         if covariates is None and is_one_row(statistics, design):
-            self._given_scales = OneRow(statistics, design, self.rows.own, self.rows.fixed)
-            self.draws_per_pass = self._given_scales.draws_per_pass(effect_count)
+            self._given_scales = OneRow(statistics, design, self.basis)
         else:
-            self._given_scales = SeveralPatterns(statistics, self.rows, effect_count)
-            self.draws_per_pass = self._given_scales.draws_per_pass
+            self._given_scales = SeveralPatterns(
+                statistics, design, self.basis, self.priors.covariate_sd
+            )
+        self.draws_per_pass = self._given_scales.draws_per_pass
         self._constant = statistics.constant
-
-    def _priors_in_use(self) -> dict[str, float]:
-        """Priors the model uses, by their names in `Priors`."""
-        scales = list(self.coordinates.slots)
-        for level in self.coordinates.levels:
-            scales += [f"log_s{level.suffix}", *level.coefficients]
-        used = {name.partition(":")[0] for name in scales}
-        used.add("alpha")
-        if any(term.name == TREND for term in self.design.fixed):
-            used.add("gamma")
-        if any(name.startswith("rho") for name in used):
-            used.add("rho")
-        if "sigma_v:trend" in scales:
-            used.add("sigma_trend")
-        if self.design.factors.terms:
-            used.add("lambda")
-        if self.statistics.covariates is not None:
-            used.add("covariate")
-        # "log_s_mean" and "log_s_sd" are priors of "log_s".
-        fields = vars(self.priors).items()
-        return {name: value for name, value in fields if name.rpartition("_")[0] in used}
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides density and locations."""
@@ -234,13 +214,9 @@ class LinearModel(Model):
         """Return the model itself."""
         return [(self, points)]
 
-    def linear_scales(self, points: Array) -> Scales:
-        """Map coordinates (W, d) to scales."""
-        return self.coordinates(points)
-
     def scales(self, points: Array) -> Named:
         """Scales and correlations by name at coordinates: dimensions and values, draws first."""
-        parts = [self.linear_scales(part).named for part in self.passes(points)]
+        parts = [self.coordinates(part).named for part in self.passes(points)]
         named: Named = {}
         for name, dimensions in self.coordinates.dimensions.items():
             values = [np.moveaxis(part[name], -1, 0) for part in parts]
@@ -254,22 +230,14 @@ class LinearModel(Model):
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
-        count = len(points)
-        if count % self.draws_per_pass == 1:
-            # Sums over a single column run in another order: keep values independent of the batch.
-            points = np.concatenate([points, points[-1:]])
-        inside = np.all(np.abs(points) <= self.coordinates.limits, axis=1)
-        # Points outside are computed at zero, so that no pass depends on how many there are.
-        inner_points = np.where(inside[:, None], points, 0.0)
         values = []
         # Draws far out overflow; they become NaN, which has no density.
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
-            for part in self.passes(inner_points):
-                scales = self.linear_scales(part)
+        with np.errstate(all="ignore"):
+            for part in self.passes(points):
+                scales = self.coordinates(part)
                 values.append(scales.log_prior + self.log_likelihood(scales.cells))
-        value = np.concatenate(values)[:count]
-        possible = inside[:count] & ~np.isnan(value)
-        return np.where(possible, value, -np.inf)
+        value = np.concatenate(values)
+        return np.where(np.isfinite(value), value, -np.inf)
 
     def log_likelihood(self, scales: CellScales) -> Array:
         """Log density of the data given scales, locations and subject effects integrated out."""
@@ -297,9 +265,16 @@ class LinearModel(Model):
 
     def law(self, points: Array) -> Law:
         """Law of the locations and of users at coordinates (W, d) of one pass."""
-        scales = self.linear_scales(points).cells
-        observed = self.with_resolution(scales)
-        return LinearLaw(self.rows, scales, lambda: self._given_scales.solve(observed))
+        scales = self.coordinates(points).cells
+        basis = self.basis.matrix
+
+        def solve() -> tuple[Array, Columns]:
+            solved = self._given_scales.solve(self.with_resolution(scales))
+            return (
+                basis @ solved.best
+            ).T, lambda weights: solved.columns((weights @ basis).T[..., None]).T
+
+        return Law(solve, partial(user_columns, scales))
 
 
 def plain_model(
@@ -334,3 +309,139 @@ def plain_model(
     factors = Factors(levels={}, level={}, terms=())
     design = design_of(cells, factors, priors, options)
     return LinearModel(statistics, design, priors, resolution)
+
+
+class Product(Model):
+    """Product of independent models of different quantities.
+
+    Coordinates, cells and locations of the models stand one after another, in their order.
+
+    Attributes
+    ----------
+    models : list of LinearModel
+        The factors.
+    """
+
+    def __init__(self, models: Iterable[Model]) -> None:
+        self.models: list[LinearModel] = []
+        for model in models:
+            self.models += [part for part, _ in model.split(np.zeros((0, len(model.names))))]
+        self.names: list[str] = []
+        self.cells: tuple[tuple[str, str], ...] = ()
+        self.priors_in_force: dict[str, float] = {}
+        for model in self.models:
+            self.names += model.names
+            self.cells += model.cells
+            self.priors_in_force |= model.priors_in_force
+        rows = linalg.block_diag(*(model.cell_rows for model in self.models))
+        self.cell_rows = np.asarray(rows)
+        self.draws_per_pass = min(model.draws_per_pass for model in self.models)
+
+    def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
+        """Each model with its part of coordinates (W, d), views."""
+        counts = [len(model.names) for model in self.models]
+        coordinates = np.split(points, np.cumsum(counts)[:-1], axis=1)
+        return list(zip(self.models, coordinates, strict=True))
+
+    def identity(self) -> tuple[object, ...]:
+        """Return what decides each of the models."""
+        return ("product", *(model.identity() for model in self.models))
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, d), shape (W,)."""
+        return np.sum([model(part) for model, part in self.split(points)], axis=0)
+
+    def scales(self, points: Array) -> Named:
+        """Scales of all models by name, quantities side by side; NaN where a model has none."""
+        parts = [model.scales(coordinates) for model, coordinates in self.split(points)]
+        named: Named = {}
+        for name in dict.fromkeys(itertools.chain(*parts)):
+            dimensions, example = next(part[name] for part in parts if name in part)
+            columns = []
+            for model, part in zip(self.models, parts, strict=True):
+                missing = (len(points), model.design.parameters, *example.shape[2:])
+                _, values = part.get(name, (dimensions, np.full(missing, np.nan)))
+                columns.append(values)
+            named[name] = (dimensions, np.hstack(columns) if dimensions else example)
+        return named
+
+    def law(self, points: Array) -> Law:
+        """Law of all locations and of users at coordinates (W, d) of one pass."""
+        laws = [model.law(part) for model, part in self.split(points)]
+        ends = np.cumsum([model.locations for model in self.models])
+
+        def side_by_side(columns: list[Columns], weights: Array) -> Array:
+            parts = zip(columns, np.split(weights, ends[:-1], axis=1), strict=True)
+            return np.concatenate([of_model(part) for of_model, part in parts], axis=2)
+
+        def solve() -> tuple[Array, Columns]:
+            mean = np.hstack([law.mean for law in laws])
+            return mean, partial(side_by_side, [law.columns for law in laws])
+
+        return Law(solve, partial(side_by_side, [law.user_columns for law in laws]))
+
+
+class Unpooled(Model):
+    """Each cell by itself: y ~ N(beta, sigma²), beta and log sigma flat.
+
+    Responses are standardised by the cell's own mean and SD, so that an offset costs no digits.
+    With t = log(sigma/SD) and n subjects the posterior is exp(-nu t - nu exp(-2t)/2), nu = n - 1,
+    and beta given sigma is N(0, exp(2t)/n). The coordinate is t in units of 1/sqrt(2 nu), the SD of
+    t at the mode.
+
+    Parameters
+    ----------
+    cells : tuple of (str, str)
+        Parameter and environment of each of the C cells.
+    counts : ndarray of int
+        Subjects n of each cell, (C,).
+
+    Raises
+    ------
+    RefusalError
+        If a cell has one subject.
+    """
+
+    draws_per_pass = 1024
+
+    def __init__(
+        self,
+        cells: tuple[tuple[str, str], ...],
+        counts: NDArray[np.int64],
+    ) -> None:
+        if np.any(counts < 2):
+            parameter, environment = cells[int(np.argmin(counts))]
+            raise RefusalError(
+                f"{parameter} in {environment} has one subject; the reference prior needs two.",
+                hint='Add subjects, or use pooling = "partial".',
+            )
+        self.cells = cells
+        self.cell_rows = np.eye(len(cells))
+        self.names = [f"log sigma[{parameter},{environment}]" for parameter, environment in cells]
+        self.priors_in_force: dict[str, float] = {}
+        self._n = np.asarray(counts, dtype=float)
+        self._nu = self._n - 1.0
+        self._unit = 1.0 / np.sqrt(2.0 * self._nu)
+
+    def identity(self) -> tuple[object, ...]:
+        """Return cells and counts: the data are standardised."""
+        return ("unpooled", self.cells, self._n)
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, C), shape (W,)."""
+        t = points * self._unit
+        with np.errstate(over="ignore"):
+            inverse_variance = np.exp(-2.0 * t)
+            cost = self._nu * (t + 0.5 * inverse_variance)
+        return -cost.sum(axis=1)
+
+    def law(self, points: Array) -> Law:
+        """Law of standardised cells, which are independent."""
+        sigma = np.exp(points * self._unit)[:, None]
+        sd = sigma / np.sqrt(self._n)
+        located = (np.zeros_like(points), lambda weights: weights * sd)
+        return Law(lambda: located, lambda weights: weights * sigma)
+
+    def scales(self, points: Array) -> Named:
+        """Ratio of sigma to the sample SD per cell."""
+        return {"sigma_ratio": (("cell",), np.exp(points * self._unit))}

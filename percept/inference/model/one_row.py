@@ -15,7 +15,7 @@ noise is small.
 
 An environment of one cell has a small `Block` of noise. With several cells, columns are whitened by
 D/N, own deviations U too, and the others are regressed on these: with B the coefficients of the
-regression, the rows of A are A - UB and B.
+regression, the rows of A are A - UB and T⁻¹B.
 
 Published limits are a row as well: without effects of subjects each cell has its own N.
 
@@ -30,29 +30,20 @@ from numpy.typing import NDArray
 
 from percept.inference.model.blocks import (
     Block,
+    add_to_diagonal,
+    draws_at_once,
     log_diagonal,
     lower_factor,
     solve_lower,
     solve_upper,
-    with_prior,
 )
-from percept.inference.model.design import Design
+from percept.inference.model.design import Basis, Design
 from percept.inference.model.gaussian import Eliminated, Latents, SubjectCovariance
 from percept.inference.model.scales import CellScales
 from percept.inference.model.statistics import Statistics
 
-__all__ = ["OneRow", "is_one_row"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-#: Numbers in the largest temporary of a pass, 2 MB of doubles: with a quarter of them 24 subjects
-#: in 20 environments take twice as long for calls, with four times as many for memory.
-_NUMBERS = 1 << 18
-#: Draws of a pass at the least, where calls of numpy would cost more than arithmetic, and at the
-#: most, where calls cost little already.
-_FEWEST_DRAWS = 128
-_MOST_DRAWS = 2048
 
 
 def is_one_row(statistics: Statistics, design: Design) -> bool:
@@ -73,16 +64,20 @@ class OneRow:
         Its environments are the design's cells.
     design : Design
         Whose cells these are.
-    own, fixed : ndarray
-        Columns of own deviations without their SDs, (a, P, C), and of fixed terms, (f, P, C).
+    basis : Basis
+        Columns of the locations.
+
+    Attributes
+    ----------
+    draws_per_pass : int
+        Draws worked on at once.
     """
 
     def __init__(
         self,
         statistics: Statistics,
         design: Design,
-        own: Array,
-        fixed: Array,
+        basis: Basis,
     ) -> None:
         quantities, cells = design.cells.x.shape
         subjects = np.zeros(cells)
@@ -101,11 +96,15 @@ class OneRow:
         self._trials = trials[:, None]
         #: (n, P, C) Rows whose products sum to the scatter between subjects.
         self._contrasts = rows
-        self._own = own
+        self._own = basis.own
         #: (f + 1, P, C) Fixed columns, and the subjects' mean.
-        self._fixed_and_mean = np.concatenate([fixed, mean[None]])
+        self._fixed_and_mean = np.concatenate([basis.fixed, mean[None]])
         #: (L, J) Cells of each environment.
         self._cells_of_environment = _cells_of_environment(design)
+        most_cells, environments = self._cells_of_environment.shape
+        row_count = (quantities * most_cells + len(basis.own)) * environments
+        numbers = (design.effects + len(self._fixed_and_mean)) * row_count
+        self.draws_per_pass = draws_at_once(max(numbers, self._contrasts.size))
 
     def log_density(self, scales: CellScales) -> Array:
         """Log density of all cell means, (W,), without powers of 2 pi and `Statistics.constant`.
@@ -120,8 +119,10 @@ class OneRow:
         else:
             regressed = self._regressed(noise, scales, effects)
             rows = regressed.rows
-            of_noise = noise.scaled(1.0 / self._subjects).log_determinant().sum(axis=0)
-            log_determinant = of_noise + 2.0 * log_diagonal(regressed.factor).sum(axis=0)
+            log_determinant = noise.scaled(1.0 / self._subjects).log_determinant().sum(axis=0)
+            log_determinant += 2.0 * log_diagonal(regressed.factor).sum(axis=0)
+            environments = self._cells_of_environment.shape[1]
+            log_determinant += 2.0 * environments * np.log(scales.tau).sum(axis=0)
         joint = _joint_precision(rows)
         latents = len(joint) - 1
         factor = lower_factor(joint[:, :latents])
@@ -138,14 +139,6 @@ class OneRow:
         regressed = self._regressed(self._noise(scales), scales, effects)
         solved = Eliminated(regressed.factor, regressed.explained, _joint_precision(regressed.rows))
         return Latents(solved, own_first=True, rest=len(self._fixed_and_mean) - 1)
-
-    def draws_per_pass(self, effects: int) -> int:
-        """Draws worked on at once, for so many columns of a subject's effects."""
-        most_cells, environments = self._cells_of_environment.shape
-        own_count, quantities, _ = self._own.shape
-        rows = (quantities * most_cells + own_count) * environments
-        numbers = max((effects + len(self._fixed_and_mean)) * rows, self._contrasts.size)
-        return min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)
 
     def _noise(self, scales: CellScales) -> Block:
         """D, entries (C, W)."""
@@ -184,11 +177,10 @@ class OneRow:
     ) -> _Regressed:
         """Columns regressed on own deviations, environment by environment."""
         of_mean = noise.scaled(1.0 / self._subjects)
-        columns = self._own[..., None] * scales.tau[:, None, None]
-        no_columns = np.zeros((0, *self._own.shape[1:]))
-        own = self._by_environment(_whitened(of_mean, columns, no_columns))
-        others = self._by_environment(_whitened(of_mean, effects, self._fixed_and_mean))
-        return _Regressed(own, others)
+        of_all_draws = np.concatenate([self._fixed_and_mean, self._own])
+        columns = self._by_environment(_whitened(of_mean, effects, of_all_draws))
+        others, own = np.split(columns, [len(columns) - len(self._own)])
+        return _Regressed(own, others, scales.tau[:, None])
 
     def _by_environment(self, columns: Array) -> Array:
         """Columns (k, P, C, W), the cells of each environment apart: (k, P L, J, W)."""
@@ -202,20 +194,29 @@ class OneRow:
 class _Regressed:
     """Columns (K + 1, P L, J, W) of unit noise, regressed on own columns (a, P L, J, W).
 
-    With A the columns and U the own ones, FF' = I + U'U, S = F⁻¹U'A and B = F'⁻¹S.
+    With A the columns, U the own ones and T their SDs (a, 1, W), FF' = T⁻² + U'U, S = F⁻¹U'A and
+    B = F'⁻¹S.
     """
 
-    def __init__(self, own: Array, columns: Array) -> None:
+    def __init__(
+        self,
+        own: Array,
+        columns: Array,
+        sd: Array,
+    ) -> None:
         #: F, (a, a, J, W)
-        self.factor = lower_factor(with_prior(np.einsum("amjw,bmjw->abjw", own, own)))
+        self.factor = lower_factor(
+            add_to_diagonal(np.einsum("amjw,bmjw->abjw", own, own), sd**-2.0)
+        )
         for_columns = self.factor[:, :, None]
         products = np.einsum("amjw,kmjw->akjw", own, columns)
         #: S, (a, K + 1, J, W)
         self.explained = solve_lower(for_columns, products)
         coefficients = solve_upper(for_columns, self.explained)
         unexplained = columns - np.einsum("amjw,akjw->kmjw", own, coefficients)
-        rows = np.concatenate([unexplained, coefficients.swapaxes(0, 1)], axis=1)
-        #: A - UB and B, (K + 1, (P L + a) J, W)
+        over_sd = (coefficients / sd[:, None]).swapaxes(0, 1)
+        rows = np.concatenate([unexplained, over_sd], axis=1)
+        #: A - UB and T⁻¹B, (K + 1, (P L + a) J, W)
         self.rows = rows.reshape(len(rows), -1, rows.shape[-1])
 
 
@@ -241,9 +242,7 @@ def _joint_precision(rows: Array) -> Array:
     for row in range(count):
         end = row + 1
         np.einsum("mw,kmw->kw", rows[row], rows[:end], out=joint[row, :end])
-    diagonal = np.arange(count)
-    joint[diagonal, diagonal] += 1.0
-    return joint
+    return add_to_diagonal(joint, 1.0)
 
 
 def _cells_of_environment(design: Design) -> Indices:

@@ -8,18 +8,20 @@ subjects scatter about their own columns, with SD omega.
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
 
 from percept.errors import RefusalError
+from percept.inference.model.blocks import Block
 from percept.inference.model.design import Design, columns_by_quantity, new_cells
-from percept.inference.model.laws import Joint, joined
+from percept.inference.model.gaussian import SubjectCovariance
+from percept.inference.model.laws import Joint, joined, user_columns
 from percept.inference.model.model import LinearModel, Model
 from percept.inference.model.priors import Named
 from percept.inference.model.scales import Scales, effect_columns
-
-__all__ = ["draw_prior", "new_environment", "new_name", "trend_rows"]
 
 Array = NDArray[np.float64]
 
@@ -144,7 +146,7 @@ def _new_laws(
     rng: np.random.Generator,
 ) -> Joint:
     """Laws of a design's new cells, at the points of one pass."""
-    scales = model.linear_scales(points)
+    scales = model.coordinates(points)
     quantities, cells = design.cells.x.shape
     on_line = model.law(points).joint(_location_rows(model, design))
     deviation = columns_by_quantity(design.deviation, quantities, cells)
@@ -225,16 +227,150 @@ def draw_prior(
     # Without observed scatter every coordinate is standard normal a priori.
     blank = LinearModel(model.statistics.without_scatter(), model.design, model.priors)
     points = rng.standard_normal((draws, len(blank.names)))
-    rows = model.rows
-    cells = len(model.cells)
+    basis = model.basis
+    environments = len(model.design.cells.environments)
     all_locations = []
     users = []
     for part in blank.passes(points):
-        latent_sd = rows.latent_sd(blank.linear_scales(part).cells.tau)
-        latents = latent_sd * rng.standard_normal(latent_sd.shape)
-        locations = (rows.basis[:cells] @ latents).T
-        columns = blank.law(part).user_columns(blank.cell_rows)
+        scales = blank.coordinates(part).cells
+        latents = rng.standard_normal((basis.matrix.shape[1], len(part)))
+        latents[: basis.deviations] *= np.repeat(scales.tau, environments, axis=0)
+        locations = (blank.cell_rows @ basis.matrix @ latents).T
+        columns = user_columns(scales, blank.cell_rows)
         normals = rng.standard_normal(columns[:, 0].shape)
         all_locations.append(locations)
         users.append(locations + np.einsum("wlk,wk->wl", columns, normals))
     return blank.scales(points), np.concatenate(all_locations), np.concatenate(users)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SubjectLaws:
+    """What W sets of scales say of subjects' cell means: P quantities in C cells."""
+
+    mean: Array  # (P, C, W) Mean of the locations
+    columns: Array  # (K, P, C, W) Columns whose products sum to the locations' covariance
+    effects: Array  # (q, P, C, W) What a unit of each of a subject's effects adds
+    noise: tuple[Block, ...]  # (E, W) By pattern: the rest of the variance of cell means
+    covariances: tuple[SubjectCovariance, ...]  # By pattern: of the cell means about the locations
+    trial: Block | None  # Covariance between trials, one for each group of trials
+
+
+def cells_of_subjects(model: LinearModel) -> NDArray[np.bool_]:
+    """Find the cells of each subject's levels of the factors between subjects.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Of N subjects in C cells.
+
+    Returns
+    -------
+    ndarray of bool
+        Shape (N, C); true throughout without such factors.
+    """
+    factors = model.design.factors
+    belongs = np.ones((len(model.statistics.subjects), len(model.design.cells.names)), dtype=bool)
+    for name in factors.between_subjects:
+        level = factors.level[name]
+        for pattern in model.statistics.patterns:
+            belongs[pattern.members] &= np.isin(level, level[pattern.environments])
+    return belongs
+
+
+def subject_laws(model: LinearModel, points: Array) -> SubjectLaws:
+    """Work out the laws of all subjects' cell means.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Of subjects.
+    points : ndarray
+        Coordinates (W, d), few enough for the processor's cache.
+
+    Returns
+    -------
+    SubjectLaws
+    """
+    scales = model.coordinates(points).cells
+    observed = model.with_resolution(scales)
+    law = model.law(points)
+    noise = []
+    covariances = []
+    for pattern in model.statistics.patterns:
+        cells = pattern.environments
+        of_means = observed.between[cells]
+        if observed.trial is not None:
+            groups = model.statistics.scatter.group_of(pattern.members[0], cells)
+            of_means = of_means + observed.trial[groups].scaled(1.0 / pattern.trials[:, None])
+        noise.append(of_means)
+        covariances.append(SubjectCovariance(of_means, scales.effects[:, :, cells]))
+    by_cell = (*model.design.cells.x.shape, len(points))  # (P, C, W)
+    mean = law.mean[:, : len(model.cells)].T
+    columns = law.columns(model.cell_rows).transpose(2, 1, 0)
+    return SubjectLaws(
+        mean=mean.reshape(by_cell),
+        columns=columns.reshape(-1, *by_cell),
+        effects=scales.effects,
+        noise=tuple(noise),
+        covariances=tuple(covariances),
+        trial=observed.trial,
+    )
+
+
+def draw_subject_effects(
+    model: LinearModel,
+    points: Array,
+    locations: Array,
+    rng: np.random.Generator,
+) -> Array | None:
+    """Draw what every subject adds, averaged over the cells of its levels between subjects.
+
+    Parameters
+    ----------
+    model : LinearModel
+        Of subjects.
+    points : ndarray
+        Coordinates (W, d).
+    locations : ndarray
+        Locations of cells drawn there, (W, P C).
+    rng : numpy.random.Generator
+        Source of the draws.
+
+    Returns
+    -------
+    ndarray or None
+        On the response scale, (W, N, P). None without such effects, and with covariates: the
+        locations hold no slopes.
+    """
+    if model.statistics.covariates is not None or not model.design.subject:
+        return None
+    effects = []
+    first = 0
+    for part in model.passes(points):
+        last = first + len(part)
+        effects.append(_effects_of_pass(model, part, locations[first:last], rng))
+        first = last
+    return np.concatenate(effects)
+
+
+def _effects_of_pass(
+    model: LinearModel,
+    points: Array,
+    locations: Array,
+    rng: np.random.Generator,
+) -> Array:
+    """Effects (W, N, P) at the points of one pass."""
+    laws = subject_laws(model, points)
+    cell_means = model.statistics.cell_means
+    beta = locations.T.reshape(laws.mean.shape)  # (P, C, W)
+    effects = np.empty((len(locations), len(cell_means), len(beta)))
+    cells_of_subject = cells_of_subjects(model)
+    patterns = zip(model.statistics.patterns, laws.covariances, strict=True)
+    for pattern, covariance in patterns:
+        present = pattern.environments
+        residual = cell_means[pattern.members][:, :, present, None] - beta[:, present]
+        is_own = cells_of_subject[pattern.members[0]]
+        average_columns = laws.effects[:, :, is_own].mean(axis=2)  # (q, P, W)
+        latents = covariance.draw_effects(residual, rng)  # (q, n, W)
+        effects[:, pattern.members] = np.einsum("qnw,qpw->wnp", latents, average_columns)
+    return effects

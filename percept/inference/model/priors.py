@@ -15,14 +15,10 @@ from scipy import special
 
 from percept.errors import UsageError
 
-__all__ = ["LIMIT", "MEANINGS", "Named", "Priors", "correlation", "half_normal"]
-
 Array = NDArray[np.float64]
 #: Values by name, draws first, with the names of their other dimensions.
 Named = dict[str, tuple[tuple[str, ...], Array]]
 
-#: Prior SDs beyond which a coordinate has no mass that doubles can weigh: exp(-35²/2) = 1e-266.
-LIMIT = 35.0
 #: Smallest SD: its square, and the square of that, must not underflow.
 _FLOOR = 1e-70
 #: Where erfinv(ndtr(u)) begins to lose more than a digit's last unit.

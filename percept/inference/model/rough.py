@@ -25,8 +25,6 @@ from numpy.typing import NDArray
 
 from percept.inference.model.statistics import Statistics
 
-__all__ = ["RoughLikelihood", "likelihood_between", "likelihood_of_trials"]
-
 Array = NDArray[np.float64]
 
 #: SD of log sigma about its trend in the typical prior: half the prior's scale of omega. It decides

@@ -29,12 +29,10 @@ from numpy.typing import NDArray
 
 from percept.inference.model.blocks import Block, block
 from percept.inference.model.design import LEVEL, TREND, Design, Term
-from percept.inference.model.priors import LIMIT, Priors, correlation, half_normal
+from percept.inference.model.priors import Priors, correlation, half_normal
 from percept.inference.model.spreads import CellSpreads, numbered
 from percept.inference.model.statistics import Statistics
 from percept.inference.model.subject_spreads import SubjectSpreads
-
-__all__ = ["CellScales", "Coordinates", "Scales", "effect_columns"]
 
 Array = NDArray[np.float64]
 #: A dimension and its labels.
@@ -117,8 +115,8 @@ class Coordinates:
         Coordinates of each scale.
     dimensions : dict
         What the axes of each scale are, by its name.
-    limits : ndarray
-        Distance from zero beyond which a coordinate has no mass, (d,).
+    priors_in_use : set of str
+        Fields of `Priors` that the scales have.
     own_slopes : tuple of str
         Covariates of which subjects have slopes of their own.
     between, trial : CellSpreads
@@ -150,7 +148,7 @@ class Coordinates:
         self.names: list[str] = []
         self.slots: dict[str, slice] = {}
         self.dimensions: dict[str, tuple[str, ...]] = {}
-        self.limits = np.zeros(0)
+        self.priors_in_use: set[str] = set()
         #: Scales of half-normal priors, by the names of the SDs.
         self._half_normals: dict[str, float] = {}
         #: Coordinates that are standard normal under the prior, whatever the rest.
@@ -168,58 +166,55 @@ class Coordinates:
     def _name_coordinates(self, statistics: Statistics) -> None:
         """Give every coordinate its name, and every scale its coordinates."""
         design = self._design
-        priors = self._priors
         quantities = ("parameter", statistics.parameters)
         pair = design.parameters == 2
         for level in self.levels:
             self._name_level(level, quantities)
             if pair:
-                self._append(level.rho)
+                self._append(level.rho, prior="rho_shape")
         if self._subject_spreads is not None:
             subjects = ("subject", statistics.subjects)
-            # A rough likelihood of weight w shortens the unit of a coordinate by √(1 + w).
-            unit = np.sqrt(1.0 + self._subject_spreads.weight.max())
-            self._append("phi", quantities, subjects, standard=False, unit=unit)
-            self._append("omega_s", quantities, half_normal=priors.omega_s_scale)
+            self._append("phi", quantities, subjects, standard=False)
+            self._append("omega_s", quantities, prior="omega_s_scale")
         of_subjects = [(_name_of("sigma", term), _name_of("rho", term)) for term in design.subject]
         of_subjects += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self.own_slopes]
         of_trend = f"sigma_v:{TREND}"
         for sigma, rho in of_subjects:
-            scale = priors.sigma_trend_scale if sigma == of_trend else priors.sigma_u_scale
-            self._append(sigma, quantities, half_normal=scale)
+            prior = "sigma_trend_scale" if sigma == of_trend else "sigma_u_scale"
+            self._append(sigma, quantities, prior=prior)
             if pair:
-                self._append(rho)
+                self._append(rho, prior="rho_shape")
         for term in design.deviation:
-            self._append(_name_of("tau", term), quantities, half_normal=priors.tau_scale)
+            self._append(_name_of("tau", term), quantities, prior="tau_scale")
         for term in design.effect_size:
             columns = (f"{term.name} column", numbered("column", len(term.columns)))
-            self._append(f"eta:{term.name}", quantities, columns)
+            self._append(f"eta:{term.name}", quantities, columns, prior="psi_sd")
 
     def _name_level(self, level: CellSpreads, quantities: Axis) -> None:
         """Name the coordinates of log SDs, but for their correlation."""
-        sigma = f"sigma{level.suffix}"
-        self.dimensions[sigma] = ("parameter", "environment")
+        suffix = level.suffix
+        self.priors_in_use |= {f"log_s{suffix}_mean", f"log_s{suffix}_sd"}
+        self.dimensions[f"sigma{suffix}"] = ("parameter", "environment")
         if level.departures:
             cells = ("environment", self._design.cells.names)
-            units = np.sqrt(1.0 + level.weight.ravel())
-            self._append(sigma, quantities, cells, standard=False, unit=units)
+            self._append(f"sigma{suffix}", quantities, cells, standard=False)
         for coefficient in level.coefficients:
-            self._append(coefficient, quantities)
+            self._append(coefficient, quantities, prior=_prior_of(coefficient))
         if level.departures and level.single_sd is None:
-            scale = getattr(self._priors, f"omega{level.suffix}_scale")
-            self._append(f"omega{level.suffix}", quantities, half_normal=scale)
+            self._append(f"omega{suffix}", quantities, prior=f"omega{suffix}_scale")
 
     def _append(
         self,
         scale: str,
         *axes: Axis,
-        half_normal: float | None = None,
+        prior: str = "",
         standard: bool = True,
-        unit: Array | float = 1.0,
     ) -> None:
         """Append the coordinates of a scale, one for each combination of labels."""
-        if half_normal is not None:
-            self._half_normals[scale] = half_normal
+        if prior:
+            self.priors_in_use.add(prior)
+        if prior.endswith("_scale"):
+            self._half_normals[scale] = getattr(self._priors, prior)
         first = len(self.names)
         for labels in itertools.product(*(labels for _, labels in axes)):
             joined = ",".join(labels)
@@ -227,7 +222,6 @@ class Coordinates:
         end = len(self.names)
         self.slots[scale] = slice(first, end)
         self.dimensions[scale] = tuple(dimension for dimension, _ in axes)
-        self.limits = np.append(self.limits, np.full(end - first, LIMIT * unit))
         if standard:
             self._standard += range(first, end)
 
@@ -339,9 +333,12 @@ class Coordinates:
 
     def coefficient_sd(self, name: str) -> float:
         """Prior SD of a coefficient of log sigma."""
-        if name.startswith("psi"):
-            return self._priors.psi_sd
-        return float(getattr(self._priors, f"{name}_sd"))
+        return float(getattr(self._priors, _prior_of(name)))
+
+
+def _prior_of(coefficient: str) -> str:
+    """Field of `Priors` with the SD of a coefficient of log sigma."""
+    return "psi_sd" if coefficient.startswith("psi") else f"{coefficient}_sd"
 
 
 def _name_of(symbol: str, term: Term) -> str:

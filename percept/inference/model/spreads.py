@@ -47,18 +47,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.model.blocks import (
+    add_to_diagonal,
     log_diagonal,
     lower_factor,
     solve_lower,
     solve_upper,
-    with_prior,
 )
 from percept.inference.model.design import LEVEL, TREND, Design
 from percept.inference.model.priors import Priors
 from percept.inference.model.rough import likelihood_between, likelihood_of_trials
 from percept.inference.model.statistics import Statistics
-
-__all__ = ["CellSpreads", "SpreadMap", "numbered"]
 
 Array = NDArray[np.float64]
 
@@ -251,7 +249,7 @@ class SpreadMap:
         precision = 1.0 + self._weight * variance  # s
         weight = self._weight / precision  # q
         scaled_u = u / np.sqrt(precision)
-        factor = lower_factor(with_prior(self._squares(weight)))  # L
+        factor = lower_factor(add_to_diagonal(self._squares(weight), 1.0))  # L
         right = np.empty((len(factor), len(factor) + 2, len(omega)))
         right[:, :-2] = self._squares(1.0 / precision)
         right[:, -2] = self._loadings @ scaled_u
@@ -261,8 +259,8 @@ class SpreadMap:
         g_u = whitened[:, -2]  # G'u
         b = solve_lower(for_columns, whitened[:, :-2].swapaxes(0, 1))
         # What B adds is positive: rounding may not leave a pivot below omega².
-        root = lower_factor(_plus_diagonal(b, variance), least=variance)  # F
-        y = solve_lower(_plus_diagonal(root, omega), g_u)
+        root = lower_factor(add_to_diagonal(b, variance), least=variance)  # F
+        y = solve_lower(add_to_diagonal(root.copy(), omega), g_u)
         whitened_mean = whitened[:, -1]
         h = solve_upper(factor, y + whitened_mean)
         about_columns = self._loadings.T @ h  # U h
@@ -297,11 +295,3 @@ class SpreadMap:
         """U' diag(x) U, (K, K, W), for weights x (C, W)."""
         count = len(self._loadings)
         return (self._products @ weight).reshape(count, count, -1)
-
-
-def _plus_diagonal(matrices: Array, value: Array) -> Array:
-    """Add values (W,) to the diagonals of matrices (K, K, W)."""
-    whole = matrices.copy()
-    diagonal = np.arange(len(matrices))
-    whole[diagonal, diagonal] += value
-    return whole

@@ -16,17 +16,6 @@ from scipy import linalg
 
 from percept.errors import RefusalError
 
-__all__ = [
-    "Covariates",
-    "Pattern",
-    "Statistics",
-    "TrialScatter",
-    "from_summary",
-    "from_trials",
-    "group_means",
-    "triangle",
-]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -62,6 +51,22 @@ class TrialScatter:
     df: Array  # (T,) Degrees of freedom
     rows: Array  # (P, P, T) Rows of responses, less what covariates explain, as [quantity, row]
     squares: Array  # (P, T) Sums of squares of the responses about their means
+
+    def group_of(self, subject: Indices, cell: Indices) -> Indices:
+        """Group of the trials of subjects in cells."""
+        if self.subject is None:
+            return cell
+        groups = np.zeros((self.subject.max() + 1, self.cell.max() + 1), dtype=np.intp)
+        groups[self.subject, self.cell] = np.arange(len(self.cell))
+        return groups[subject, cell]
+
+
+@dataclasses.dataclass(frozen=True)
+class Resolution:
+    """Variance that a finite resolution of the adjustment adds, on the response scale."""
+
+    between: Array  # (P, C)
+    trial: Array  # (P, C)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

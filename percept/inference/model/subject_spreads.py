@@ -27,8 +27,6 @@ from numpy.typing import NDArray
 
 from percept.inference.model.statistics import TrialScatter
 
-__all__ = ["SubjectSpreads"]
-
 Array = NDArray[np.float64]
 
 _LOG_2PI = math.log(2.0 * math.pi)

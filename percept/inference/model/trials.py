@@ -19,8 +19,6 @@ from percept.inference.model.statistics import (
     triangle,
 )
 
-__all__ = ["by_subject", "trial_scatter"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

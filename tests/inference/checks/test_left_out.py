@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from percept.errors import UsageError
-from percept.inference.model.subjects import subject_laws
+from percept.inference.model.predictions import subject_laws
 from percept.inference.predictive import (
     intervals_left_out,
     leave_one_out,

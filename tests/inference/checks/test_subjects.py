@@ -8,8 +8,8 @@ from percept.errors import RefusalError
 from percept.inference.left_out import SubjectDensity
 from percept.inference.model.design import Options
 from percept.inference.model.model import plain_model
+from percept.inference.model.predictions import subject_laws
 from percept.inference.model.statistics import from_trials
-from percept.inference.model.subjects import subject_laws
 from percept.inference.predictive import leave_one_out
 from tests.inference.model.designs import made
 
@@ -97,7 +97,7 @@ def test_scales_of_any_size_keep_the_digits_of_the_densities():
     model = study.model
     points = study.points(200, spread=2.5)
     points[:, [name.startswith("sigma[") for name in model.names]] *= 4.0
-    scales = model.linear_scales(points)
+    scales = model.coordinates(points)
     sd = scales.named["sigma"]
     assert sd.max() / sd.min() > 1e7
     every = model.log_likelihood(scales.cells)

@@ -28,7 +28,7 @@ def test_log_density_is_that_of_the_trials_and_of_the_prior(name):
 def test_log_likelihood_is_that_of_the_trials(name):
     study = made(name)
     points = study.points(20)
-    found = study.model.log_likelihood(study.model.linear_scales(points).cells)
+    found = study.model.log_likelihood(study.model.coordinates(points).cells)
     expected = study.twin(points).log_likelihood()
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-10)
 
@@ -58,7 +58,6 @@ def test_extreme_scales_have_a_density_and_laws_or_none(name, spread):
     laws = study.model.moments(weighed)
     assert np.isfinite(laws.mean).all()
     assert (laws.sd > 0.0).all()
-    assert np.isneginf(study.model(np.full((1, len(study.model.names)), 1e4))).all()
 
 
 def test_wrong_priors_change_the_density():

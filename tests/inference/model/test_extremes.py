@@ -12,7 +12,6 @@ from percept.inference.model.model import plain_model
 from percept.inference.model.statistics import from_trials
 from tests import LONG
 from tests.inference.model import exact
-from tests.inference.model.designs import made
 
 BOUND = 1e-9
 
@@ -164,12 +163,3 @@ def test_never_nan_for_any_coordinates(case, reach, seed):
     values = density(points)
     assert not np.isnan(values).any()
     assert not np.isposinf(values).any()
-
-
-def test_beyond_the_limit_is_impossible_and_just_inside_is_not():
-    model = made("one quantity").model
-    points = np.zeros((3, len(model.names)))
-    points[1, -1], points[2, -1] = 34.9, 35.1
-    values = model(points)
-    assert np.isfinite(values[:2]).all()
-    assert values[2] == -np.inf

@@ -7,8 +7,8 @@ import pytest
 from scipy import linalg
 
 from percept.errors import RefusalError
+from percept.inference.model.model import Product
 from percept.inference.model.predictions import new_environment, trend_rows
-from percept.inference.model.product import Product
 from tests.inference.model.designs import DESIGNS, made
 from tests.inference.twin import Twin
 
@@ -16,7 +16,7 @@ from tests.inference.twin import Twin
 def random_rows(count, model):
     """Weights of cells and slopes; coefficients of fixed terms, which are last, have none."""
     rows = np.random.default_rng(3).normal(size=(count, model.locations))
-    rows[:, model.locations - len(model.rows.fixed) :] = 0.0
+    rows[:, model.locations - len(model.basis.fixed) :] = 0.0
     return rows
 
 
@@ -48,7 +48,7 @@ def test_cells_and_contrasts_have_their_conditional_law(name):
     rows = random_rows(3, model)
     expected = weighed(twin, rows)
     check(model.moments(points, rows), expected)
-    np.testing.assert_allclose(model.user_sds(points, rows), expected[2], rtol=1e-10)
+    np.testing.assert_allclose(model.moments(points, rows).population_sd, expected[2], rtol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["plain, trials", "plain, missing cells", "unequal trials"])
@@ -181,7 +181,6 @@ def test_models_side_by_side_have_the_law_of_all_their_locations():
     means, sds, user_sds = zip(*found, strict=True)
     expected = (sum(means), np.hypot(*sds), np.hypot(*user_sds))
     check(product.moments(points, rows), expected)
-    np.testing.assert_allclose(product.user_sds(points, rows), expected[2], rtol=1e-9)
     assert linalg.norm(expected[0]) > 0.0
     count = 20_000
     draws = product.draw(points[:1], np.random.default_rng(5), rows, repeats=count)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from percept.errors import RefusalError
-from percept.inference.model.model import Resolution, plain_model
-from percept.inference.model.product import Unpooled
+from percept.inference.model.model import Unpooled, plain_model
+from percept.inference.model.statistics import Resolution
 from tests.inference.model.designs import made
 from tests.inference.model.test_statistics import reduce
 

@@ -60,7 +60,7 @@ def test_the_density_of_precise_data_has_its_digits(name, changes):
     for cv in PRECISE:
         study = made(name, cv=cv, **changes)
         model = study.model
-        named = dict(model.linear_scales(study.points(3)).named)
+        named = dict(model.coordinates(study.points(3)).named)
         rng = np.random.default_rng(6)
         for sd in {"sigma", "sigma_e"} & named.keys():
             named[sd] = 0.3 * cv * np.exp(rng.normal(0.0, 0.3, named[sd].shape))

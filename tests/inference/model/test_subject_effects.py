@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from percept.inference.model.subjects import draw_subject_effects
+from percept.inference.model.predictions import draw_subject_effects
 from tests.inference.model.designs import made
 
 DRAWS = 20_000
