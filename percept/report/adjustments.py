@@ -90,8 +90,6 @@ def _intervals(results: Results) -> Section:
         f" share of all {words.users}. One does not stand in for another."
     )
     rows = unwidened(results.intervals)
-    if any(row.left_out for row in rows):
-        said += " Adjustments at the limits of the control are left out and counted."
     tables = [
         _interval_table(results, matching(rows, parameter=name))
         for name in distinct(rows, "parameter")

@@ -24,21 +24,11 @@ from percept.report.basics import (
     present,
     unwidened,
 )
-from percept.results import IntervalRow, LadderEffect, Results, Words
+from percept.results import IntervalRow, Results
 from percept.sessions.quantities import Quantity
 
 #: An interval from below a hundredth to above a hundred references says nothing.
 _NOTHING = 100.0
-#: Steps of the ladder that set the methods apart. Both are compared on one scale.
-CAUSES = {
-    "prior": "each {environment} modelled by itself, with the priors",
-    "trials": "single trials instead of means over trials",
-    "pooling": "all {environments} together",
-    "own_trials": "a trial SD for each {subject}",
-    "correlation": "both quantities together",
-}
-#: Shift over the classical half-width, or log ratio of widths: twice the most error of a step.
-_LEAST_MOVED = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +141,7 @@ def bias_sentences(results: Results) -> list[str]:
         claim = f"{said} ({METHOD_NAMES[row.method]}, {percent(row.level)})."
         others = biases_of(results, method="classical", family=row.family)
         classical = matching(others, parameter=parameter)
-        sentences.append(" ".join([claim, *_disagreements(biases, classical, results)]))
+        sentences.append(" ".join([claim, *_disagreements(biases, classical)]))
     return sentences
 
 
@@ -190,10 +180,8 @@ def _placed(biases: Sequence[Bias], every: int, environments: str) -> str:
     return f"{count} {environments}, from {by_size[0].named} to {by_size[-1].named}"
 
 
-def _disagreements(
-    biases: Sequence[Bias], classical: Sequence[Bias], results: Results
-) -> list[str]:
-    """Say where the classical interval has another sign or lies apart, and why."""
+def _disagreements(biases: Sequence[Bias], classical: Sequence[Bias]) -> list[str]:
+    """Say where the classical interval has another sign, or lies apart."""
     by_name = {bias.environment: bias for bias in classical}
     groups: dict[str, list[Bias]] = {}
     for bias in biases:
@@ -206,31 +194,10 @@ def _disagreements(
             holds = "excludes zero" if other.sign else "holds zero"
             groups.setdefault(holds, []).append(other)
     sentences = []
-    names = []
     for holds, others in groups.items():
         named = [f"{other.environment} ({other.limits})" for other in others]
         sentences.append(f"The classical interval {holds} in {listed(named, MOST_NAMED)}.")
-        names += [other.environment for other in others]
-    effects = matching(results.ladder.effects if results.ladder else (), kind="mean")
-    chosen = matching(effects, parameter=biases[0].parameter)
-    return sentences + cause_sentences(chosen, names, results.data.words)
-
-
-def cause_sentences(
-    effects: Sequence[LadderEffect], names: Sequence[str], words: Words
-) -> list[str]:
-    """Name the step of the ladder that moves the intervals of each environment most."""
-    by_cause: dict[str, list[str]] = {}
-    for name in names:
-        steps: dict[str, float] = {}
-        for row in matching(effects, environment=name):
-            if row.cause in CAUSES:
-                moved = max(abs(row.log_width), abs(row.centre))
-                steps[row.cause] = max(moved, steps.get(row.cause, _LEAST_MOVED))
-        cause = max(steps, key=steps.__getitem__, default="")
-        if cause and steps[cause] > _LEAST_MOVED:
-            by_cause.setdefault(CAUSES[cause].format(**vars(words)), []).append(name)
-    return [f"The main cause in {listed(chosen)}: {cause}." for cause, chosen in by_cause.items()]
+    return sentences
 
 
 def user_sentences(results: Results) -> list[str]:

@@ -33,7 +33,7 @@ from percept.report.basics import (
     unwidened,
     value,
 )
-from percept.report.biases import CAUSES, drawn_said, foremost
+from percept.report.biases import drawn_said, foremost
 from percept.results import (
     BandLaw,
     BandPair,
@@ -61,7 +61,12 @@ _CURVES = (
 )  # fmt: skip
 _LAWS = {"weber": "w·{0}", "offset": "c + w·{0}", "power": "w·{0}^p"}
 #: Steps of the ladder, in words.
-_STEPS = CAUSES | {
+_STEPS = {
+    "prior": "each {environment} modelled by itself, with the priors",
+    "trials": "single trials instead of means over trials",
+    "pooling": "all {environments} together",
+    "own_trials": "a trial SD for each {subject}",
+    "correlation": "both quantities together",
     "scale": "the lognormal family",
     "sampling": "the same model",
     "all": "all steps",

@@ -16,7 +16,6 @@ from percept.report.basics import (
     short,
     spanned,
 )
-from percept.report.biases import cause_sentences
 from percept.results import (
     ConfirmedCoupling,
     Rendered,
@@ -93,20 +92,19 @@ def judged_verdicts(results: Results) -> list[Verdict]:
 def feeling_sentences(results: Results) -> list[str]:
     """Say what can be rendered, what of it feels real by which method, and how many more decide.
 
-    Through the coupling where there is one. Where the methods disagree both are named, and the
-    ladder names the cause.
+    Through the coupling where there is one. Where the methods disagree both are named.
     """
     judged = judged_verdicts(results)
     sentences = [_rendered_said(results)] if results.rendering else []
     if judged:
         outcomes = {row.environment: (row.outcome, row.probability) for row in judged}
-        said = _felt(outcomes, judged, results.data.words)
+        words = results.data.words
+        said = _felt(outcomes, judged, words)
         # Names stay as they are written.
         if said.startswith(("for ", "all ")):
             said = capitalised(said)
         sentences.append(f"{said}.")
-        sentences += _disagreeing(judged, results)
-        sentences += _deciding(judged, results.data.words)
+        sentences += [*_disagreeing(judged, words), *_deciding(judged, words)]
     return sentences
 
 
@@ -144,22 +142,15 @@ def _felt(
     return "; ".join(groups)
 
 
-def _disagreeing(judged: Sequence[Verdict], results: Results) -> list[str]:
-    """Say where the classical method comes to another outcome than the Bayesian one, and why."""
+def _disagreeing(judged: Sequence[Verdict], words: Words) -> list[str]:
+    """Say where the classical method comes to another outcome than the Bayesian one."""
     others = {}
     for verdict in judged:
         classical = verdict.classical
         if classical and verdict.bayesian and classical.outcome != verdict.bayesian.outcome:
             others[verdict.environment] = (classical.outcome, classical.least)
-    if not others:
-        return []
-    words = results.data.words
-    effects = matching(results.ladder.effects if results.ladder else (), kind="user")
     said = _felt(others, judged, words)
-    return [
-        f"That is the Bayesian answer; by the weakest classical part {said}.",
-        *cause_sentences(effects, list(others), words),
-    ]
+    return [f"That is the Bayesian answer; by the weakest classical part {said}."] if said else []
 
 
 def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:

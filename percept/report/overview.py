@@ -330,13 +330,11 @@ def _few(results: Results) -> Iterator[str]:
     subjects = max((row.n for row in results.intervals), default=_FEW)
     if subjects >= _FEW:
         return
-    rests_on = []
-    if matching(results.intervals, method="classical"):
-        freedom = counted(subjects - 1, "degree")
-        rests_on.append(f"classical limits rest on {freedom} of freedom")
-    if matching(results.intervals, method="bayesian"):
-        rests_on.append("Bayesian limits rest largely on the priors")
-    yield f"{subjects} {results.data.words.subjects} are few: {', '.join(rests_on)}."
+    freedom = f"{counted(subjects - 1, 'degree')} of freedom"
+    yield (
+        f"{subjects} {results.data.words.subjects} are few: classical limits rest on {freedom},"
+        " Bayesian ones largely on the priors."
+    )
 
 
 def _growing(results: Results) -> Iterator[str]:

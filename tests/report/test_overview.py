@@ -16,8 +16,6 @@ from percept.results import (
     Confidences,
     DeviceStability,
     IntervalRow,
-    Ladder,
-    LadderEffect,
     Leaning,
     LeftOut,
     MoreSubjects,
@@ -151,7 +149,7 @@ def test_more_than_five_names_are_counted():
     assert "to E5 (+60 %" in wider
 
 
-def judged(verdicts, rendering=(), effects=()):
+def judged(verdicts, rendering=()):
     """Results of verdicts and of what is rendered, in a study of walls."""
     words = Words("wall", "walls", "user", "users", "user", "users")
     return dataclasses.replace(
@@ -159,7 +157,6 @@ def judged(verdicts, rendering=(), effects=()):
         data=dataclasses.replace(EMPTY.data, words=words),
         verdicts=tuple(verdicts),
         rendering=tuple(rendering),
-        ladder=Ladder(tuple(effects), ()),
     )
 
 
@@ -242,34 +239,6 @@ def test_what_cannot_be_rendered_is_never_said_to_feel_real():
         "Through this coupling, only A can be rendered with every hand.",
         "A feels real (98 %).",
     ]
-
-
-def climbed(environment, kind="user", **steps):
-    """Effects of a ladder: how far each step moves the logarithm of a width and a centre."""
-    return [
-        LadderEffect(
-            environment=environment, parameter="k", kind=kind, cause=cause, log_width=width,
-            log_width_error=0.01, centre=centre, centre_error=0.01,
-        )
-        for cause, (width, centre) in {"all": (1.0, 1.0), **steps}.items()
-    ]  # fmt: skip
-
-
-def test_the_cause_of_another_verdict_is_said_where_the_ladder_knows_it():
-    effects = [
-        *climbed("A", prior=(0.1, 0.0), trials=(-0.6, 0.0), scale=(0.9, 0.0)),
-        *climbed("B", pooling=(0.0, -0.3), prior=(0.2, 0.0)),
-        *climbed("C", prior=(0.06, 0.0)),
-        *climbed("D", prior=(0.9, 0.0)),
-    ]
-    verdicts = [felt(name, 0.97, 0.9) for name in "ABC"] + [felt("D", 0.99, 0.99)]
-    said = " ".join(feeling_sentences(judged(verdicts, effects=effects)))
-    assert said.endswith(
-        "for A, B and C the data do not decide (90 %). The main cause in A: single"
-        " trials instead of means over trials. The main cause in B: all walls together."
-    )
-    assert "main cause" not in feeling(*verdicts)
-    assert "main cause" not in " ".join(feeling_sentences(judged(verdicts[3:], effects=effects)))
 
 
 @pytest.mark.parametrize(
