@@ -1,8 +1,6 @@
 """Two studies side by side: their difference, what is said with it, and whom it refuses to
 divide."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

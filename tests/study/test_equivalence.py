@@ -1,7 +1,5 @@
 """Whether biases are smaller than one JND: verdicts against SciPy and against draws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """What the hierarchical model is given, by hand, and the scatter that it is refused."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

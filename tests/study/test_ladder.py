@@ -1,7 +1,5 @@
 """Classical against Bayesian intervals: in pairs, and the steps from one to the other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -50,5 +50,6 @@ def test_rows_are_those_of_plain_lists(subjects, family):
         assert row.distance == distance
 
 
-def test_published_limits_have_no_rows():
-    assert what_was_read(Data(read_sessions(DATASETS / "hbfd_table1.csv"), Scene())).people == ()
+def test_published_limits_have_neither_cells_nor_people():
+    read = what_was_read(Data(read_sessions(DATASETS / "hbfd_table1.csv"), Scene()))
+    assert (read.cells, read.people, read.design) == ((), (), None)

@@ -1,7 +1,5 @@
 """The posterior as ArviZ reads it: groups, names, and its own functions run on the file."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Environments nobody tested, against dense conditioning."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """The psychophysics table against slow twins, SciPy and the study's own intervals."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

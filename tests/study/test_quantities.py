@@ -1,8 +1,6 @@
 """Quantities that are no impedance: units, intervals, band laws, words, and parts that cannot be
 had."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A scene's tables on data reach Python, or the study says that they did not."""
 
-from __future__ import annotations
-
 import pytest
 
 from percept import Scene, Sessions, Study, UsageError, read_sessions

@@ -1,7 +1,5 @@
 """What a study leaves out is said, whatever the data and the scene leave no room for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -46,10 +46,9 @@ def test_each_subject_has_the_trial_sd_that_was_planted(found):
     assert ((own["lower"] < SDS) & (own["upper"] > SDS)).all()
     # One of 20 cells' trials has the standard error 1/sqrt(2 * 16); shared priors move it less.
     trials = found.sessions.table
-    deviations = np.log(trials["k_adj"] / trials["k_ref"])
-    cells = deviations.groupby([trials["subject"], trials["environment"]])
-    squares = cells.apply(lambda values: ((values - values.mean()) ** 2).sum())
-    sample = np.sqrt(squares.groupby("subject").sum() / 16.0).to_numpy()
+    responses = np.log(trials["k_adj"] / trials["k_ref"])
+    variances = responses.groupby([trials["subject"], trials["environment"]]).var()
+    sample = np.sqrt(variances.groupby("subject").mean()).to_numpy()
     assert np.abs(np.log(own["estimate"].to_numpy() / sample)).max() < 1.5 / np.sqrt(32.0)
     # Their intervals are about as wide as those of chi-squared laws: other subjects narrow them,
     # and what cells have of their own widens them.
@@ -80,7 +79,6 @@ def has_own(found):
         (table(), {"common_spread": True}, "they do not go with [model] common_spread"),
         (table(), {"subjects_trial_sd": False}, "[model] subjects_trial_sd = false"),
     ],
-    ids=["few trials", "many subjects", "one environment", "option", "off"],
 )
 def test_plain_studies_without_them_say_why(made, model, why):
     found = plain(made, **model)
@@ -99,7 +97,6 @@ def test_plain_studies_without_them_say_why(made, model, why):
             "most repeats in VE1 are alike, and trial SDs of zero have no posterior",
         ),
     ],
-    ids=["a subject", "an environment"],
 )
 @pytest.mark.parametrize("setting", ["auto", True])
 def test_repeats_without_scatter_are_named(alike, why, setting):
