@@ -12,7 +12,6 @@ from percept.inference.record import Family, Kind, Method
 Measure: TypeAlias = Literal[
     "sd_subjects",
     "jnd",
-    "jnd_quartile",
     "weber",
     "icc_1",
     "correlation",

@@ -31,9 +31,6 @@ from percept.study.basics import Array
 from percept.study.data import Cell, Data
 from percept.study.responses import Trials
 
-#: The quartile of a standard normal: half of all adjustments lie within so many SDs.
-_QUARTILE = 0.6744897501960817
-
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
@@ -73,8 +70,6 @@ class Measured:
         size = abs(self._reference)
         if size:
             yield self._row("weber", mapped(step, lambda values: values / size))
-        quartile = mapped(sd, lambda values: self._step(_QUARTILE * values))
-        yield self._row("jnd_quartile", quartile, self._named_unit)
 
     def _step(self, sd: Array) -> Array:
         """Return how far SDs of responses lead from the reference, in the quantity's unit."""

@@ -41,7 +41,7 @@ def test_each_row_of_the_study_stands_in_one_cell(judged):
         for cell in row:
             numbers = [part.exact for part in cell if isinstance(part, Value)]
             shown += [tuple(numbers)] * bool(numbers)
-    elsewhere = {("jnd_quartile", True), ("sigma_e", True)}
+    elsewhere = {("sigma_e", True)}
     expected = [
         row
         for row in judged.psychophysics

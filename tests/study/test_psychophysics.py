@@ -60,7 +60,6 @@ def test_each_cell_equals_a_slow_twin(family):
             "sd_subjects": step(between),
             "jnd": step(trial),
             "weber": step(trial) / 8,
-            "jnd_quartile": step(stats.norm.ppf(0.75) * trial),
             "sigma_e": trial if log else trial / 8,
         }
         for measure, values in expected.items():
