@@ -401,20 +401,21 @@ class ReadOptions(DataTables):
 
     def require(self, scene: DataTables) -> None:
         """Refuse a scene whose tables on data the files were not read with."""
-        lacking = [
-            name
-            for name in ("quantities", "columns", "environments")
-            if getattr(scene, name) and getattr(scene, name) != getattr(self, name)
-        ]
-        if scene.sessions != SessionsTable():
+        groups = self.sessions.groups
+        asked = {
+            "quantities": scene.quantities,
+            "columns": scene.columns,
+            "environments": scene.environments,
             # Commands keep further groups.
-            groups = self.sessions.groups
-            same = scene.sessions.model_copy(update={"groups": groups}) == self.sessions
-            if not same or not set(scene.sessions.groups) <= set(groups):
-                lacking.append("sessions")
+            "sessions": scene.sessions.model_copy(update={"groups": groups}),
+        }
+        lacking = [
+            f"[{name}]"
+            for name, table in asked.items()
+            if table and table not in (getattr(self, name), SessionsTable(groups=groups))
+        ]
         if lacking:
-            tables = " and ".join(f"[{name}]" for name in lacking)
-            message = f"the sessions were read without {tables} of the scene."
+            message = f"the sessions were read without {' and '.join(lacking)} of the scene."
             hint = "Read them with it: read_sessions(files, scene=scene)."
             raise UsageError(message, hint=hint)
 
