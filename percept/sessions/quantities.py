@@ -8,8 +8,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Literal, Self
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from percept.errors import UsageError, capitalised, did_you_mean
@@ -289,13 +287,3 @@ def _registry() -> Any:
     import pint
 
     return pint.UnitRegistry()
-
-
-def convert(
-    values: npt.NDArray[np.float64], unit: str | None, quantity: Quantity
-) -> npt.NDArray[np.float64]:
-    """Convert numbers to the quantity's unit, rounding once."""
-    scale = factor(unit, quantity)
-    inverse = round(1.0 / scale)
-    # A thousandth is no double, and a thousand is one.
-    return values / inverse if inverse > 1 and 1.0 / inverse == scale else values * scale

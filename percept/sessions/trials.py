@@ -19,13 +19,7 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import values
 from percept.sessions.options import KEPT_COLUMNS, canonical_columns
-from percept.sessions.quantities import (
-    convert,
-    numbers_of,
-    quantity_of,
-    trial_columns,
-    with_mass,
-)
+from percept.sessions.quantities import factor, numbers_of, quantity_of, trial_columns, with_mass
 from percept.sessions.records import IDS, MASS, Exclusion, Found, shown
 from percept.sessions.tables import OpenFile
 
@@ -252,7 +246,8 @@ def _convert(file: OpenFile, data: pd.DataFrame) -> None:
         if name == "trial":
             data[name] = _whole(file, data[name])
         elif rule is not None:
-            data[name] = convert(numbers * rule.scale, rule.unit, quantities[quantity_of(name)])
+            scale = rule.scale * factor(rule.unit, quantities[quantity_of(name)])
+            data[name] = numbers * scale
 
 
 def _whole(file: OpenFile, trials: pd.Series[float]) -> pd.Series[int]:
