@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import integrate
 
 from percept.boundary.law import PairLaw, confidence_law, mixture_law
 from percept.boundary.limits import Magnitude
 from percept.boundary.shares import score_of
 from percept.errors import RefusalError
-from percept.haptics import Device, Environment, Loop, perceived_impedance
+from percept.haptics import Device, Loop
 from percept.haptics.perceived import perceived_magnitude
 from tests import LONG
 from tests.boundary.test_law import B, K, mixture
@@ -85,41 +84,6 @@ def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) 
     assert abs(inside.mean() - 0.99) < 4.5 * share
 
 
-def test_probability_of_a_distance_is_that_of_a_double_integral() -> None:
-    """One normal, a ball inside its law, by adaptive quadrature in polar coordinates."""
-    mean, sd = np.array([1000.0, 20.0]), np.array([150.0, 4.0])
-    law = mixture_law(np.array([mean] * 4), np.array([np.diag(sd**2)] * 4), np.arange(4), "normal")
-    omega = np.array([np.sqrt(1000.0), 5.0, 90.0])
-    magnitude = Magnitude(law, Loop(DEVICE, PERIOD), omega)
-    for m, size in ((0, 27.0), (1, 150.0), (2, 80.0)):
-        zero = np.array(
-            [
-                perceived_impedance(Loop(DEVICE, PERIOD), omega[m], Environment(k, b))
-                for k, b in ((0, 0), (1, 0), (0, 1))
-            ]
-        )
-        # abs(z0 + k zk + b zb): the law of the complex number is normal too.
-        steps = np.array([zero[1] - zero[0], zero[2] - zero[0]])
-
-        def density(
-            angle: float, radius: float, steps: np.ndarray = steps, first: complex = zero[0]
-        ) -> float:
-            value = radius * np.exp(1j * angle) - first
-            k, b = np.linalg.solve(
-                [[s.real for s in steps], [s.imag for s in steps]], [value.real, value.imag]
-            )
-            z = ((np.array([k, b]) - mean) / sd) ** 2
-            jacobian = abs((steps[0] * np.conj(steps[1])).imag)
-            return float(radius * np.exp(-0.5 * z.sum()) / (2 * np.pi * sd.prod() * jacobian))
-
-        exact = integrate.dblquad(density, 0.0, size, -np.pi, np.pi, epsabs=1e-7)[0]
-        for inner in (0, 1):
-            held = magnitude.balls.content(
-                np.array([m]), np.array([size]), np.array([inner])
-            ).probability
-            assert held[0] == pytest.approx(exact, abs=2e-4)
-
-
 def heavy_mixture(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """SDs of log b scatter: at 100 rad/s, where the mass hides b, an upper limit moves by many
     bands."""
@@ -156,34 +120,6 @@ def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., A
     )
     # Batches of twenty draws bend: what they add is counted too.
     assert -4.0 * spread < np.log(stated_level / levels) < np.log(2.5)
-
-
-def wide_draws(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """SDs of log k and log b, about as of an environment nobody tested: 60 times as wide once in
-    1,000."""
-    rng = np.random.default_rng(seed)
-    mean = np.array([9.5, 2.8]) + 0.05 * rng.standard_normal((count, 2))
-    sd = np.array([0.15, 0.5]) * np.exp(
-        np.maximum(0.83 * rng.exponential(size=(count, 1)) - 1.0, 0.0)
-    )
-    return mean, sd[:, :, None] ** 2 * np.eye(2)
-
-
-@pytest.mark.evidence
-def test_stated_error_of_a_band_is_its_scatter_where_few_draws_are_wide() -> None:
-    omega, logs, stated, count = np.array([0.1, 1.0, 3.0, 10.0, 100.0]), [], [], 10
-    for seed in range(count):
-        law = mixture_law(*wide_draws(4000, seed), np.arange(4000) % 32, "lognormal")
-        magnitude = Magnitude(law, Loop(DEVICE, PERIOD), omega)
-        together = magnitude.simultaneous_score(0.99)
-        limits = magnitude.limits(together.score, together.shifts)
-        assert limits.errors is not None
-        logs.append(np.log(limits.upper))
-        stated.append(limits.errors[1])
-    scatter = np.std(logs, axis=0, ddof=1)
-    # An SD of 10 numbers scatters by 1/sqrt(18); wide draws of one batch make its error scatter
-    # too.
-    assert np.abs(np.log(np.median(stated, axis=0) / scatter)).max() < 4.0 / np.sqrt(18.0)
 
 
 def test_limits_that_a_law_does_not_determine_are_refused() -> None:

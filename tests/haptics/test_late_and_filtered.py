@@ -6,6 +6,8 @@ import mpmath as mp
 import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev, Polynomial
+from numpy.polynomial import polynomial as plain
+from scipy import signal
 
 from percept.errors import UsageError
 from percept.haptics import (
@@ -126,6 +128,54 @@ def test_filtered_walls_and_couplings_keep_their_digits():
             condition *= 1 + real_size / z_c.real + 4 * h / abs(mp.tan(2 * h))
             worst = max(worst, float(abs(needed - exact) / exact / condition))
     assert worst < 1e-13
+
+
+def closed_loop(loop, wall, coupling, hand):
+    """Characteristic polynomial in q = 1/z of Eq. 11's loop, with a hand and whole samples."""
+    unit = 2 / T
+
+    def element(m, b, k):
+        # m·s + b + k/s over (1 − q)(1 + q), with s = (2/T)(1 − q)/(1 + q).
+        mass = m * unit * np.array([1, -2, 1])
+        return mass + b * np.array([1, 0, -1]) + k / unit * np.array([1, 2, 1])
+
+    top, bottom = np.ones(1), np.ones(1)
+    if loop.velocity_filter is not None:
+        own = loop.velocity_filter
+        top, bottom = signal.butter(own.order, own.cutoff, fs=2 * np.pi / T)
+    held = element(loop.device.mass + hand[0], loop.device.damping + hand[1], hand[2])
+    z_e = element(wall.mass, wall.damping, wall.stiffness)
+    spring = element(0.0, coupling.stiffness * T / 2, coupling.stiffness)
+    damper = element(0.0, coupling.damping, 0.0)
+    z_c = plain.polyadd(plain.polymul(spring, bottom), plain.polymul(damper, top))
+    delay = int(loop.delay)
+    late = np.zeros(delay + 2)
+    late[delay:] = 0.5
+    joined = plain.polyadd(plain.polymul(z_e, bottom), z_c)
+    shown = plain.polymul(late, plain.polymul(z_e, z_c))
+    return plain.polyadd(plain.polymul(held, joined), shown)
+
+
+def test_what_is_called_stable_keeps_its_poles_inside_the_circle():
+    """With random passive hands and walls."""
+    rng = np.random.default_rng(6)
+    left = {"met": 0, "not met": 0}
+    for _ in range(80):
+        velocity_filter = VelocityFilter(10 ** rng.uniform(2, 3.4), int(rng.integers(1, 3)))
+        loop = Loop(DEVICE, T, "average", velocity_filter, float(rng.integers(0, 3)))
+        coupling = Coupling(*(10 ** rng.uniform([2, -1], [5.5, 2.5])))
+        need = float(required_damping(loop, coupling).damping)
+        damping = min(need, 1e3) * 10 ** rng.uniform(-2, 0.5)
+        loop = dataclasses.replace(loop, device=Device(10 ** rng.uniform(-2, 0.5), damping))
+        verdict = absolute_stability(loop, coupling).verdict
+        assert verdict == ("met" if damping > need else "not met")
+        for _ in range(10):
+            wall = Environment(*(10 ** rng.uniform([0, -2, -3], [7, 2, 0])))
+            hand = 10 ** rng.uniform([-2, -3, 0], [1, 1, 5])
+            inverse = np.roots(closed_loop(loop, wall, coupling, hand)[::-1])
+            left[verdict] += bool((np.abs(inverse) < 1 - 1e-4).any())
+    assert left["met"] == 0
+    assert left["not met"] > 10
 
 
 def test_an_active_coupling_is_named():

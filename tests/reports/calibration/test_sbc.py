@@ -5,7 +5,6 @@ The full run is `make calibrate`; its results are committed under reports/calibr
 
 import dataclasses
 import itertools
-import json
 
 import numpy as np
 import pytest
@@ -83,15 +82,6 @@ def test_wrong_density_is_caught(density):
     assert any(name.startswith("sigma") for name in found.outside)
 
 
-def test_every_level_of_the_model_is_placed():
-    placed = place_study(Plan(kind="three subjects"), 0)
-    heads = {name.split("[")[0] for name in placed}
-    assert heads == {
-        "sigma", "s", "kappa", "omega", "rho_w", "sigma_u", "rho_u", "tau", "mean", "user",
-    }  # fmt: skip
-    assert all(0 < value < 1 for value in placed.values())
-
-
 def test_uniform_values_pass_and_one_bent_quantity_is_named():
     names = [f"sigma[k,VE{j}]" for j in range(1, 31)]
     placed = uniform_places(300, names)
@@ -115,30 +105,6 @@ def test_failed_fits_are_counted_with_their_reason():
     assert found.row[:6] == ["one environment", 42, 2, 1, 0, "tau[k]"]
     nothing = judged(PLAN, [failed("stuck.")])
     assert nothing.row[:6] == ["one environment", 1, 1, 0, 0, ""]
-
-
-def one_place(plan, index):
-    """Place one quantity at random."""
-    return {"u": np.random.default_rng([plan.bins, index]).random()}
-
-
-def test_fits_that_were_kept_are_not_made_again(tmp_path):
-    path = tmp_path / "finished.jsonl"
-    first = calibrate(PLAN, one_place, 2, folder=tmp_path)
-    kept = path.read_text()
-    assert [json.loads(line)["index"] for line in kept.splitlines()] == [0, 1]
-    told = []
-    both = calibrate(
-        PLAN,
-        one_place,
-        3,
-        folder=tmp_path,
-        progress=lambda done, of: told.append((done, of)),
-    )
-    assert told == [(3, 3)]  # the two kept are not computed again
-    assert path.read_text().startswith(kept)
-    assert (first.fits, both.fits) == (2, 3)
-    assert one_place(PLAN, 2) == json.loads(path.read_text().splitlines()[2])["values"]
 
 
 def test_the_page_says_what_is_wrong():

@@ -36,14 +36,6 @@ def test_classical_verdicts_on_stiffness_and_damping_keep_their_error_rates(rate
             assert does_not <= MOST_WRONG
 
 
-@pytest.mark.evidence(reduced=True)
-def test_more_subjects_leave_fewer_undecided(rates):
-    for place in ("well inside", "well outside"):
-        undecided = [rates[place, n][2] for n in SIZES]
-        assert undecided == sorted(undecided, reverse=True)
-        assert undecided[0] > undecided[-1]
-
-
 def test_bayesian_verdicts_keep_their_error_rates():
     found = {n: errors_of(list(kept_fits(n, REPORT).read().values())) for n in SIZES}
     for errors in found.values():
