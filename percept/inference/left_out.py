@@ -1,14 +1,14 @@
-"""Density of one subject's data given everybody else's.
+"""Density of one subject's data given the data of all others.
 
-Subjects are what a study samples, so a subject is what is left out. Given locations and scales the
-subjects are independent; with the locations integrated out, a subject's predictive law given the
-others follows from the conditional law N(m, BB') of the locations given everybody. With V the
-covariance of the subject's cell means y about the locations, G = V^(-1/2) B and r = y - m,
+A study samples subjects, so it is subjects that are left out. Given locations and scales they are
+independent. With the locations integrated out, a subject's predictive law given the others follows
+from N(m, BB'), the law of the locations given all data. Let V be the covariance of the subject's
+cell means y about the locations, G = V^(-1/2) B and r = y - m. Then
 
     y | others ~ N(m - B K⁻¹ B'V⁻¹ r, V + B K⁻¹ B'),    K = I - G'G,
 
-so no fit is repeated. K is near (1 - 1/N) I whatever the scales; V - BB', its other form, would
-lose all digits where the subject effect dwarfs the rest.
+so no fit is repeated. K is near (1 - 1/N) I whatever the scales. Its other form, V - BB', would
+lose all digits where the subject effect is far larger than the rest.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ _LEAST_EIGENVALUE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """What W sets of scales and the other subjects' data say of each of N subjects.
+    """Predictions of N subjects, each from the others' data, at W sets of scales.
 
-    All NaN at scales for which doubles cannot tell a subject's share of what is known of a
-    location: a scatter below some 1e-7 of the locations' prior.
+    All are NaN at scales where the scatter is below some 1e-7 of the locations' prior: a subject's
+    information on a location then rounds to all there is.
     """
 
     log_density: Array  # (W, N) Of the subject's trials, on the response scale
@@ -52,7 +52,7 @@ class LeftOut:
     standard: Array  # (W, N, P, J) Each cell mean less its predictive mean, in predictive SDs
     location: Array  # (W, N, P, J) Mean of every location
     location_sd: Array  # (W, N, P, J) Its SD
-    covariance: Array  # (W, N, J) Of the locations of the first and the last quantity
+    covariance: Array  # (W, N, J) Between the locations of the first and the last quantity
 
 
 class SubjectDensity:
@@ -94,7 +94,7 @@ class SubjectDensity:
         return self._of_subject.sum(axis=0) * float(self.parameters)
 
     def batches(self, points: Array) -> Iterator[tuple[slice, SubjectLaws]]:
-        """Cut draws (S, d), with the laws of each cut: temporaries stay small."""
+        """Yield slices of draws (S, d), few enough for small temporaries, and their laws."""
         cells = self.parameters * self.environments
         numbers = cells * (self.subjects + 4 * cells)  # for each draw
         step = max(1, _BATCH // numbers)
@@ -120,7 +120,10 @@ class SubjectDensity:
             means = self._means[members]
             residual = means[..., present, None] - laws.mean[:, present]
             given = _leave_out(residual, laws.columns, present, laws.covariances[g])
-            variances = _variances(laws.noise[g], laws.effects[:, :, present])
+            # Of two parameters the first and the last entry are variances.
+            noise = np.stack(laws.noise[g].entries()[:: self.parameters])
+            shared = np.square(laws.effects[:, :, present]).sum(axis=0)
+            variances = noise + shared  # (P, E, W) About the locations
             location = laws.mean.transpose(2, 0, 1)[:, None] - given.learned
             predicted.log_density[:, members] = given.log_density
             predicted.distance[:, members] = given.distance
@@ -153,13 +156,13 @@ class SubjectDensity:
 
 
 class _Given(NamedTuple):
-    """What the other subjects say of I subjects of one pattern, at W sets of scales."""
+    """Predictions of I subjects of one pattern from the others' data, at W sets of scales."""
 
     log_density: Array  # (W, I)
     distance: Array  # (W, I) Squared
     learned: Array  # (W, I, P, J) What each subject adds to the mean of every location
     variance: Array  # (W, P, J) Of every location
-    covariance: Array  # (W, J) Of those of the first and the last quantity
+    covariance: Array  # (W, J) Between the locations of the first and the last quantity
 
 
 def _leave_out(
@@ -203,34 +206,13 @@ def _squares(columns: Array) -> Array:
     return np.square(columns).sum(axis=1)
 
 
-def _variances(noise: Block, effects: Array) -> Array:
-    """Variances of a subject's cell means about the locations, (P, E, W)."""
-    # Of two parameters the first and the last entry are variances.
-    own = noise.entries()[:: effects.shape[1]]
-    shared = np.einsum("qpew,qpew->pew", effects, effects)
-    return np.stack(own) + shared
-
-
 def _factor(matrices: Array) -> Array:
-    """Lower factors of (W, R, R) matrices, NaN of all that are singular but for rounding."""
-    factor = _stacked_factor(matrices)
-    if np.isnan(factor).any():
-        smallest = np.linalg.eigvalsh(matrices)[:, 0]
-        factor[~(smallest > _LEAST_EIGENVALUE)] = np.nan
-    return factor
-
-
-def _stacked_factor(matrices: Array) -> Array:
-    """Lower factors of matrices (W, K, K), NaN where rounding left no positive definite one.
-
-    numpy refuses a whole stack if one matrix fails, so the stack is halved until it stands alone.
-    """
+    """Lower factors of matrices (W, R, R), NaN where a matrix is singular but for rounding."""
     try:
-        factor = np.linalg.cholesky(matrices)
-        return np.asarray(factor)
+        return np.asarray(np.linalg.cholesky(matrices))
     except np.linalg.LinAlgError:
-        if len(matrices) == 1:
-            return np.full_like(matrices, np.nan)
-        halves = np.array_split(matrices, 2)
-        factors = [_stacked_factor(half) for half in halves]
-        return np.concatenate(factors)
+        # numpy refuses the whole stack if one matrix has no factor.
+        factor = np.full_like(matrices, np.nan)
+        regular = np.linalg.eigvalsh(matrices)[:, 0] > _LEAST_EIGENVALUE
+        factor[regular] = np.linalg.cholesky(matrices[regular])
+        return factor

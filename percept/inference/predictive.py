@@ -1,10 +1,11 @@
-"""What the model says of new studies like this one, and of each subject from the others.
+"""Predictions of new studies like this one, and of each subject from the others.
 
 A subject is left out by Pareto-smoothed importance sampling.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from scipy import special
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.left_out import SubjectDensity
-from percept.inference.model.predictions import SubjectLaws
+from percept.searches import root
 
 __all__ = [
     "STATISTICS",
@@ -30,14 +31,12 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-#: What `statistics_of` works out, in its order.
+#: Names of the rows that `statistics_of` returns.
 STATISTICS = ("mean", "sd", "farthest")
 #: Tail index above which no number of draws helps (Vehtari, Simpson, Gelman, Yao and Gabry 2024).
 _WORST_INDEX = 0.7
-#: Steps to the end of a mixture: the last moves it by less than 1e-4 of its half-width.
-_SECANTS = 5
-#: Scores beyond which a probability is one in double precision.
-_FARTHEST = 8.0
+#: Largest product of the last two steps to a mixture's quantile, in its SDs: see `root`.
+_STEP_PRODUCT = 1e-5
 #: Draws times subjects that are held at once; more subjects are judged by fewer draws.
 _MOST = 1 << 20
 
@@ -47,40 +46,28 @@ def new_studies(
     points: Array,
     rng: np.random.Generator,
 ) -> Iterator[Array]:
-    """Yield cell means (W, N, P, J) of new studies of the same design, one per draw (S, d)."""
+    """Yield cell means (W, N, P, J) of new studies of the same design, one per draw (S, d).
+
+    They are NaN in cells that a subject lacks.
+    """
     for _, laws in subjects.batches(points):
-        yield _new_studies(subjects, laws, rng)
-
-
-def _new_studies(
-    subjects: SubjectDensity,
-    laws: SubjectLaws,
-    rng: np.random.Generator,
-) -> Array:
-    """Draw cell means of all subjects at W sets of scales, (W, N, P, J), NaN if missing."""
-    latents, size, cells, width = laws.columns.shape
-    normals = rng.standard_normal((latents, width))
-    departures = np.einsum("rpcw,rw->pcw", laws.columns, normals)
-    beta = laws.mean + departures
-    shape_of_studies = (width, subjects.subjects, size, cells)
-    drawn = np.full(shape_of_studies, np.nan)
-    patterns = subjects.density.statistics.patterns
-    for pattern, noise in zip(patterns, laws.noise, strict=True):
-        present = pattern.environments
-        members = pattern.members[:, None]
-        shape = (pattern.subjects, present.size, width)
-        means = beta[:, None, present]
-        values = np.broadcast_to(means, (size, *shape)).copy()
-        for column in noise.factor_columns():
-            scale = np.stack(column)[:, None]
-            values += scale * rng.standard_normal(shape)
-        for effect in laws.effects[:, :, present]:
-            own = rng.standard_normal((pattern.subjects, 1, width))
-            values += effect[:, None] * own
-        # numpy puts the axes of two lists of indices first.
-        by_cell = values.transpose(1, 2, 3, 0)
-        drawn[:, members, :, present] = by_cell
-    return drawn
+        latents, size, cells, width = laws.columns.shape
+        normals = rng.standard_normal((latents, width))
+        beta = laws.mean + np.einsum("rpcw,rw->pcw", laws.columns, normals)
+        drawn = np.full((width, subjects.subjects, size, cells), np.nan)
+        patterns = subjects.density.statistics.patterns
+        for pattern, noise in zip(patterns, laws.noise, strict=True):
+            present = pattern.environments
+            shape = (pattern.subjects, present.size, width)
+            values = np.tile(beta[:, None, present], (1, pattern.subjects, 1, 1))
+            for column in noise.factor_columns():
+                scale = np.stack(column)[:, None]
+                values += scale * rng.standard_normal(shape)
+            for effect in laws.effects[:, :, present]:
+                values += effect[:, None] * rng.standard_normal((pattern.subjects, 1, width))
+            # numpy puts the axes of two lists of indices first.
+            drawn[:, pattern.members[:, None], :, present] = values.transpose(1, 2, 3, 0)
+        yield drawn
 
 
 def statistics_of(cell_means: Array) -> Array:
@@ -129,7 +116,7 @@ class Loo:
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """Where subjects lie in what the others predict of them."""
+    """Where subjects lie in their predictions from the others."""
 
     below: Array  # (N, P, J) Predictive probability of a cell mean below the subject's own
     farther: Array  # (N,) Predictive probability of lying as far off or farther, all cells together
@@ -173,11 +160,8 @@ def leave_one_out(
     by_chain = points.reshape(chains, -1, points.shape[1])
     gap = max(1, math.ceil(len(points) * subjects.subjects / _MOST))
     kept = by_chain[:, ::gap].reshape(-1, points.shape[1])
-    parts = []
-    for _, laws in subjects.batches(kept):
-        left_out = subjects.left_out(laws)
-        parts.append(left_out.log_density)
-    log_density = np.concatenate(parts)
+    batches = [subjects.left_out(laws).log_density for _, laws in subjects.batches(kept)]
+    log_density = np.concatenate(batches)
     known = np.isfinite(log_density).all(axis=0)
     if not known.all():
         subject = subjects.density.statistics.subjects[int(np.argmin(known))]
@@ -269,21 +253,27 @@ def intervals_left_out(
     square = np.square(sd) + np.square(location - mean)
     spread = np.sqrt(np.einsum("wi,wipj->ipj", weights, square))
     end = special.ndtri(0.5 * (1.0 + level))
+
+    def beyond(place: Array, wanted: float) -> tuple[Array, Array]:
+        """Return the mixture's normal score at a place less the wanted one, and its slope."""
+        standard = (place - location) / sd
+        below = np.einsum("wi,wipj->ipj", weights, special.ndtr(standard))
+        density = np.einsum("wi,wipj->ipj", weights, np.exp(-0.5 * standard**2) / sd)
+        score = special.ndtri(below)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return score - wanted, density * np.exp(0.5 * score**2)
+
     limits = []
     for score in (-end, end):
-        # Normal scores of the mixture are nearly a straight line: secants find its end.
-        last, last_score = mean, np.zeros_like(mean)
-        slope = 1.0 / spread
-        place = mean + score * spread
-        for _ in range(_SECANTS):
-            cdf = special.ndtr((place - location) / sd)
-            below = np.einsum("wi,wipj->ipj", weights, cdf)
-            found = np.clip(special.ndtri(below), -_FARTHEST, _FARTHEST)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                secant = (found - last_score) / (place - last)
-            # It has no slope left where the end is found.
-            slope = np.where((secant > 0.0) & np.isfinite(secant), secant, slope)
-            last, last_score = place, found
-            place = place + (score - found) / slope
-        limits.append(place)
+        # The mixture's quantile lies between the nearest and the farthest of its components'.
+        ends = location + score * sd
+        limit = root(
+            functools.partial(beyond, wanted=score),
+            mean + score * spread,
+            ends.min(axis=0),
+            ends.max(axis=0),
+            spread,
+            _STEP_PRODUCT,
+        )
+        limits.append(limit)
     return limits[0], mean, limits[1]
