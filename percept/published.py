@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 import statistics
 from dataclasses import dataclass
 from decimal import Decimal
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,10 +14,9 @@ from scipy.optimize import brentq
 from scipy.special import stdtrit
 
 from percept.errors import RefusalError, UsageError
-from percept.files import write_whole
 from percept.inference import Moments
 from percept.sessions import Sessions
-from percept.simulate import SOURCE, Design, correlated_normal, session_table
+from percept.simulate import Design, correlated_normal, session_table
 
 #: Correlation of one parameter in two environments.
 BETWEEN = 0.4
@@ -253,46 +250,12 @@ def _prints_as(limit: float, printed: Decimal) -> bool:
     return Decimal(limit).quantize(printed) == printed
 
 
-def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
-    """Write simulated sessions as a CSV; equal tables give equal bytes.
+def sessions_csv(table: pd.DataFrame) -> str:
+    """Write simulated sessions as CSV; equal tables give equal texts.
 
-    Numbers have the fewest digits that read back as the same double. A file that was not simulated
-    stays.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As `session_table` gives it.
-    path : str or path-like
-        The file.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    UsageError
-        The file is there already and was not simulated, or cannot be written.
+    Numbers have the fewest digits that read back as the same double.
     """
-    target = Path(path)
-    if target.is_file() and not _simulated(target):
-        message = "is there already, and was not simulated."
-        raise UsageError(message, file=str(target), hint="Choose another name.")
     text = table.copy()
     for name in table.select_dtypes("float").columns:
         text[name] = [np.format_float_positional(value, trim="-") for value in table[name]]
-    try:
-        write_whole(target, text.to_csv(index=False, lineterminator="\n").encode())
-    except OSError as error:
-        raise UsageError(f"cannot be written: {error.strerror}.", file=str(target)) from error
-    return target
-
-
-def _simulated(file: Path) -> bool:
-    """Whether a file says in its first row that it was simulated."""
-    try:
-        first = pd.read_csv(file, usecols=["source"], nrows=1)
-    except (OSError, ValueError):
-        return False
-    return first["source"].tolist() == [SOURCE]
+    return text.to_csv(index=False, lineterminator="\n")

@@ -32,7 +32,7 @@ ALLOWED = {
     "workers": {"cache", "errors"},
     "planning": {"inference", "html", "errors"},
     "simulate": {"inference", "errors"},
-    "published": {"simulate", "sessions", "inference", "files", "errors"},
+    "published": {"simulate", "sessions", "inference", "errors"},
     "judge": _ANALYSIS | {"simulate", "checkpoint"},
     "calibration": _ANALYSIS | {"judge", "simulate", "checkpoint", "workers", "provenance"},
     "checkpoint": {"files", "workers", "errors"},

@@ -74,15 +74,15 @@ def _write_new(path: str, text: str) -> None:
 
 def _simulate(arguments: argparse.Namespace) -> None:
     """Simulate and write; prints the path."""
-    from percept.published import simulate_like, write_sessions
+    from percept.published import sessions_csv, simulate_like
     from percept.sessions import read_sessions
 
     _, options = read_scene(arguments)
     with Working("simulating", shown=True):
         published = read_sessions(arguments.like, scene=options)
         table = simulate_like(published, seed=arguments.seed, subjects=arguments.subjects)
-        path = write_sessions(table, arguments.out)
-    print(path)
+        _write_new(arguments.out, sessions_csv(table))
+    print(arguments.out)
 
 
 _READING = argument("--scene", "FILE", "TOML file with [columns], [sessions], [environments]")

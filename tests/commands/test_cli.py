@@ -196,15 +196,6 @@ def test_the_study_s_words_are_the_terminal_s(tmp_path, capsys):
     assert "warning: 3 listeners are few" in printed
 
 
-def test_simulate_reproduces_the_committed_sessions(tmp_path):
-    out = tmp_path / "sessions.csv"
-    code = main(
-        ["simulate", "--like", str(DATASETS / "hbfd_table1.csv"), "--seed", "1", "--out", str(out)]
-    )
-    assert code == 0
-    assert out.read_bytes() == Path(SESSIONS).read_bytes()
-
-
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help_with_an_example(command, capsys):
     with pytest.raises(SystemExit) as stopped:

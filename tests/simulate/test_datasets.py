@@ -13,6 +13,7 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study, read_sessions
+from percept.cli import main
 from percept.published import BETWEEN, CORRELATION
 from percept.sessions import ReadOptions
 from tests import DATASETS
@@ -61,6 +62,15 @@ def test_sessions_give_the_printed_limits(environment: str, parameter: str) -> N
     values = [row[f"{parameter}_adj"] for row in rows]
     assert len(values) == 10
     assert printed_limits(values, "0.99", (lower, upper)) == (lower, upper)
+
+
+def test_sessions_come_from_their_seed(tmp_path: Path) -> None:
+    again = tmp_path / "again.csv"
+    words = ["simulate", "--like", str(DATASETS / "hbfd_table1.csv"), "--seed", "1"]
+    assert main([*words, "--out", str(again)]) == 0
+    assert again.read_bytes() == SESSIONS.read_bytes()
+    # A file stays as it is.
+    assert main([*words, "--out", str(again)]) == 2
 
 
 def test_the_description_has_the_columns_and_the_correlations() -> None:

@@ -20,7 +20,6 @@ from percept.published import (
     PublishedLimits,
     _match,
     simulate_like,
-    write_sessions,
 )
 from percept.sessions import Sessions
 from tests import DATASETS
@@ -140,36 +139,6 @@ def test_tied_scores_cannot_be_spread() -> None:
 def test_options_out_of_range(options: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         simulate_like(PUBLISHED, **({"seed": 1} | options))  # type: ignore[arg-type]
-
-
-def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
-    (tmp_path / "taken").mkdir()
-    with pytest.raises(UsageError, match="taken: cannot be written: Is a directory"):
-        write_sessions(simulate_like(PUBLISHED, seed=1), tmp_path / "taken")
-
-
-def test_only_simulated_files_are_written_over(tmp_path: Path) -> None:
-    table = simulate_like(PUBLISHED, seed=1)
-    again = write_sessions(table, tmp_path / "again.csv")
-    first = again.read_bytes()
-    write_sessions(simulate_like(PUBLISHED, seed=2), again)
-    assert again.read_bytes() != first
-    measured = table.drop(columns="source").to_csv(index=False)
-    for text in (
-        measured,
-        table.assign(source="lab").to_csv(index=False),
-        "",
-        "subject,source\n",
-        "\x00\x01",
-    ):
-        taken = tmp_path / "taken.csv"
-        taken.write_text(text)
-        with pytest.raises(
-            UsageError,
-            match=r"taken\.csv: is there already, and was not simulated\. .*another name",
-        ):
-            write_sessions(table, taken)
-        assert taken.read_text() == text
 
 
 def test_means_and_sds_have_no_printed_limits() -> None:
