@@ -29,7 +29,7 @@ _HYPER_SCALES = ("tau", "sigma_u", "s", "kappa", "omega", "omega_s")
 _CORRELATIONS = ("rho_u", "rho_w", "rho_e")
 # Tolerance of simulated fits: the error of a limit hardly moves what it covers, and time counts.
 _TOLERANCE = 0.05
-# Device, kg, N·s/m and s, of a study without a known one, and frequencies, rad/s.
+# Device of a study without a known one (kg, N·s/m, s), and frequencies (rad/s).
 _DEVICE = {"mass": 1.0, "damping": 5.0, "period": 0.001}
 _FREQUENCY = {"lower": 0.1, "upper": 100.0, "points": 11}
 

@@ -40,7 +40,7 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(_NODE_COUNT)
 
 
 class Labels(NamedTuple):
-    """What tells the claims of a study apart: what is claimed, of which interval or boundary."""
+    """Labels of a claim: what is claimed, and of which interval or boundary."""
 
     claim: str
     kind: str = ""
@@ -60,7 +60,7 @@ class CoveragePlan:
     """Studies to simulate, and how to analyse each."""
 
     design: Design
-    scene: Scene  # Of the analysis; its seed is that of the whole
+    scene: Scene  # Of the analysis; its seed serves the whole plan
     users_family: Family = "lognormal"  # Distribution of the simulated users
     values: TrueValues | None = None  # What the studies are drawn from; the priors where None
 

@@ -161,7 +161,7 @@ class ContrastPlan(NotebookRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class PilotPlan:
-    """What a pilot study says of the next one, for two levels of a factor."""
+    """Plans of the next study by the SDs of a pilot, for two levels of a factor."""
 
     subjects: int  # Of the pilot
     plan: ContrastPlan  # If the true SDs are the pilot's
@@ -209,8 +209,8 @@ def plan_contrast(
 
     Notes
     -----
-    The power is that of the noncentral t: exact of pairs, and of groups with equal SDs. Of others
-    Satterthwaite's degrees of freedom stand for those that each study estimates.
+    The power is that of the noncentral t: exact for pairs, and for groups with equal SDs. For other
+    groups Satterthwaite's degrees of freedom replace those that each study estimates.
     """
     _check(family, difference=difference, sd=sd, other_sd=sd if other_sd is None else other_sd)
     half_tail = tail_of(level) / 2.0

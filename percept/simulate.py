@@ -24,7 +24,7 @@ from percept.inference.model.priors import Priors
 
 #: What the column `source` of every simulated table says.
 SOURCE = "simulated"
-#: Stiffness and damping, which a design has unless it says otherwise.
+#: Parameters of a design by default: stiffness and damping.
 PARAMETERS = ("k", "b")
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

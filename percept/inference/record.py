@@ -175,7 +175,7 @@ def percent(probability: ArrayLike, digits: int = 15) -> str:
 
 
 def _percentage(probability: float, digits: int) -> str:
-    """Write with some digits, and more where 100 would be said of less than one."""
+    """Write with some digits, or with more if a probability below one would read 100."""
     while True:
         text = f"{100.0 * probability:.{digits}g}"
         if text != "100" or probability == 1.0:

@@ -98,7 +98,7 @@ def ellipse_region(
     Raises
     ------
     UsageError
-        Values that are not finite numbers or of different number, an unknown option or level.
+        Values that are not finite or not equally many, an unknown option or level.
     RefusalError
         Fewer than 3 subjects, no scatter, subjects on a line; zero or negative values under
         ``"lognormal"``.

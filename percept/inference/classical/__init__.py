@@ -1,3 +1,3 @@
-"""What a sample says of the mean, the next user and a share of all users."""
+"""Classical inference on the average user, the next one and a share of all users."""
 
 __all__ = ()

@@ -79,7 +79,7 @@ def tost(moments: Moments, lower: float, upper: float) -> Tost:
     UsageError
         Limits that are not in order.
     RefusalError
-        Samples whose values are all equal: they tell no error of the mean.
+        Samples whose values are all equal: their mean has no standard error.
     """
     if not lower < upper:
         raise UsageError("the lower limit must be below the upper one.", value=(lower, upper))
@@ -104,7 +104,7 @@ def tost(moments: Moments, lower: float, upper: float) -> Tost:
 
 @dataclass(frozen=True)
 class TwoSamples:
-    """Mean of a second sample less that of a first one, or its SD over that of the first one."""
+    """Second mean less first mean, or second SD over first SD, of two samples."""
 
     estimate: float
     lower: float
@@ -371,8 +371,8 @@ def _squares(
     np.add.at(sums, group, scores)
     means = sums / sizes[:, None]
     deviations = scores - means[group]
-    # The covariance times its degrees of freedom, which cancel; of more contrasts than subjects the
-    # smaller product, which has the same traces of itself and of its square.
+    # The covariance times its degrees of freedom, which cancel. With more contrasts than subjects
+    # the smaller product serves: its trace, and that of its square, are the same.
     few = deviations.T if contrasts <= len(scores) else deviations
     covariance = few @ few.T
     error = float(np.trace(covariance))
@@ -396,7 +396,7 @@ def _squares(
 
 
 def _tested(row: _Squares, error_of_all: float) -> Effect:
-    """Make the test of an effect of its sums of squares."""
+    """Test an effect by its sums of squares."""
     f = (row.effect / row.df) / (row.error / row.df_error)
     df_corrected = row.epsilon * row.df
     df_error_corrected = row.epsilon * row.df_error

@@ -1,4 +1,4 @@
-"""What n users say of the population they come from, without a prior of the analyst's.
+"""Inference on the population of n users, without a prior of the analyst.
 
 For n subjects with P quantities, x̄ their mean and S their scatter, a draw of the population is
 

@@ -39,7 +39,7 @@ _SHAPIRO_MOST = 5000
 
 @dataclass(frozen=True, eq=False)
 class Moments(NotebookRecord):
-    """What a sample says under the normal family: mean, standard deviation and size.
+    """Mean, standard deviation and size of a sample: all that the normal family needs.
 
     Fields are floats for one sample, or arrays of one shape for several (environments, parameters,
     studies). Accepted wherever a sample is.

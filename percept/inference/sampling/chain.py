@@ -36,7 +36,7 @@ _BURN_IN = 40
 #: 12 of a time of 12 steps. The published study takes 10. A restart then fits its transport to
 #: 12,000 kept draws.
 _FIRST_ROUND = 144
-#: Steps after which positions are mapped and progress is told.
+#: Steps after which positions are mapped and progress is reported.
 _SEGMENT = 96
 #: Steps aimed at over those the error predicts: a prediction that falls short costs a round.
 _MARGIN = 1.1
@@ -73,7 +73,7 @@ class _Closed:
 
 
 class Chain:
-    """Walkers at work on a task, and what is kept of them."""
+    """The walkers of a task, and their kept positions."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class Chain:
         self._components: list[Array] = []  # each (E, T, W, C)
         self._closed: _Closed | None = None
         self._most_positions = self._positions_in_memory(points)
-        # Steps that the part at work is to span.
+        # Steps that the current part is to span.
         self._goal = min(_FIRST_ROUND, self._most_positions * stride)
         self._expected: float = _BURN_IN + _FIRST_ROUND
         self._error = math.nan
@@ -105,24 +105,24 @@ class Chain:
         memory = self._task.memory
         point = self._transported.map(points[0, :1])
         components = self._task.estimands.components(point).shape[-1]
-        # Of a component its own values, and about two influences.
+        # A component needs room for its values and for about two influence functions.
         room = memory.numbers // (dimension + 3 * components)
         draws = min(memory.draws, room)
         return max(draws // (ensembles * walkers), memory.fewest_positions)
 
     @property
     def _length(self) -> int:
-        """Kept positions of the part at work."""
+        """Kept positions of the current part."""
         return sum(points.shape[1] for points in self._points)
 
     @property
     def _full(self) -> bool:
-        """Whether the part at work has no room left."""
+        """Whether the current part has no room left."""
         return self._length >= self._most_positions
 
     @property
     def _steps(self) -> int:
-        """Steps the kept positions of the part at work span."""
+        """Steps the kept positions of the current part span."""
         return self._length * self._stride
 
     @property
@@ -156,7 +156,7 @@ class Chain:
             self._components.append(components.reshape(*walked.shape[:3], -1))
 
     def _tell(self) -> None:
-        """Tell how far the run is; the clock is read for this alone."""
+        """Report progress. The clock serves this alone."""
         if self._task.progress is None:
             return
         steps = self._walkers.steps
@@ -201,7 +201,7 @@ class Chain:
         return run
 
     def _travel(self, points: Array) -> Travel:
-        """Say how the walkers went, by the kept positions (E, T, W, d) of the part at work."""
+        """Summarise how the walkers moved, from kept positions (E, T, W, d) of the current part."""
         half = points.shape[1] // 2
         second_half = points[:, half:, :, 0]
         return Travel(

@@ -39,7 +39,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 #: Tails a little heavier than normal: a proposal must not miss what the transport did. There are as
-#: many degrees of freedom as dimensions, or the radius alone would tell the law from a normal one.
+#: many degrees of freedom as dimensions: with fewer, the radius alone would not look normal.
 _FEWEST_DF = 20.0
 #: Share of independent draws among the steps. Walkers leave a far tail by rotations alone, and a
 #: limit that hangs on such a tail needs them wherever the bulk is served well.

@@ -64,7 +64,7 @@ _REACH = 3.0
 _PER_UNIT = 2
 _KNOTS = np.arange(-_REACH * _PER_UNIT, _REACH * _PER_UNIT + 1) / _PER_UNIT
 #: Outside the knots the map goes on with this multiple of the last piece's rise, and bends away by
-#: _BEND times that rise: a sample says little there, and too wide costs little.
+#: _BEND times that rise: few draws lie there, and a map too wide costs little.
 _WIDER = 1.5
 _BEND = 1.0
 #: Knots that straight lines follow, in SDs: their quantiles err least.

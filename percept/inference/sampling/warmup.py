@@ -45,8 +45,8 @@ __all__ = ["Affine", "find_mode", "starting_points", "warm_up"]
 Array = NDArray[np.float64]
 
 #: Times that weighted draws refine the linear map. From 1 to 6 a fit takes times that differ no
-#: more than twofold, without order. Several guard against a curvature that tells little of the
-#: bulk.
+#: more than twofold, without order. Several guard against a curvature that does not
+#: describe the bulk.
 _ROUNDS = 3
 #: Draws that are weighted for each coordinate. The variances of so many draws from a normal law are
 #: right to a third in every direction (Marchenko and Pastur 1967). Four times as many do not help.
@@ -373,7 +373,7 @@ def _derivatives(density: Density, point: Array, *, paired: bool) -> _Derivative
     hessian = np.diag(curvature)
     hessian[rows, columns] = mixed
     hessian[columns, rows] = mixed
-    # At the edge of the impossible the differences are infinite and say nothing.
+    # Next to impossible points the differences are infinite, and are left out.
     return _Derivatives(
         gradient=np.nan_to_num(gradient, posinf=0.0, neginf=0.0),
         hessian=np.nan_to_num(hessian, posinf=0.0, neginf=0.0),
