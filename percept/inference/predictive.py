@@ -120,6 +120,9 @@ class Predicted:
 
     below: Array  # (N, P, J) Predictive probability of a cell mean below the subject's own
     farther: Array  # (N,) Predictive probability of lying as far off or farther, all cells together
+    location: Array  # (S, N, P, J) Means of the locations without each subject, at S of the draws
+    location_sd: Array  # (S, N, P, J)
+    weights: Array  # (S, N) Weights of these draws without each subject, with a sum of one
 
 
 def leave_one_out(
@@ -206,25 +209,32 @@ def predict_left_out(
     subjects: SubjectDensity,
     points: Array,
     weights: Array,
+    gap: int = 1,
 ) -> Predicted:
-    """Compare subjects with their prediction from the others: draws (S, d), weights (S, N)."""
+    """Compare subjects with their prediction from the others: draws (S, d), weights (S, N).
+
+    Locations are kept of every `gap`-th draw.
+    """
     below = np.zeros((subjects.subjects, subjects.parameters, subjects.environments))
     farther = np.zeros(subjects.subjects)
+    locations = []
+    sds = []
     for cut, laws in subjects.batches(points):
         left = subjects.left_out(laws)
         tail = special.chdtrc(subjects.degrees, left.distance)
         cdf = special.ndtr(left.standard)
         below += np.einsum("wi,wipj->ipj", weights[cut], cdf)
         farther += np.einsum("wi,wi->i", weights[cut], tail)
-    return Predicted(below, farther)
+        first = -cut.start % gap
+        locations.append(left.location[first::gap])
+        sds.append(left.location_sd[first::gap])
+    kept = weights[::gap]
+    return Predicted(
+        below, farther, np.concatenate(locations), np.concatenate(sds), kept / kept.sum(axis=0)
+    )
 
 
-def intervals_left_out(
-    subjects: SubjectDensity,
-    points: Array,
-    weights: Array,
-    level: float,
-) -> tuple[Array, Array, Array]:
+def intervals_left_out(predicted: Predicted, level: float) -> tuple[Array, Array, Array]:
     """Find the intervals of all locations without each subject.
 
     Without a subject, draws of the scales have other weights, and the locations another law given
@@ -232,12 +242,8 @@ def intervals_left_out(
 
     Parameters
     ----------
-    subjects : SubjectDensity
-        Densities of the subjects' data.
-    points : ndarray, shape (S, d)
-        Draws.
-    weights : ndarray, shape (S, N)
-        Their weights without each subject, each with a sum of one.
+    predicted : Predicted
+        Locations without each subject.
     level : float
         Of the intervals.
 
@@ -246,9 +252,9 @@ def intervals_left_out(
     lower, mean, upper : ndarray, shape (N, P, J)
         On the response scale.
     """
-    parts = [subjects.left_out(laws) for _, laws in subjects.batches(points)]
-    location = np.concatenate([part.location for part in parts])
-    sd = np.concatenate([part.location_sd for part in parts])
+    location = predicted.location
+    sd = predicted.location_sd
+    weights = predicted.weights
     mean = np.einsum("wi,wipj->ipj", weights, location)
     square = np.square(sd) + np.square(location - mean)
     spread = np.sqrt(np.einsum("wi,wipj->ipj", weights, square))

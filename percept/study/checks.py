@@ -51,26 +51,24 @@ def model_checks(fit: Fit) -> Checks | Skipped:
         return subjects
     try:
         loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
-        predicted = predict_left_out(subjects, loo.points, loo.weights)
+        numbers = loo.weights.size * len(fit.column)
+        gap = max(1, min(numbers // _MOST_NUMBERS, len(loo.points) // _FEWEST_DRAWS))
+        predicted = predict_left_out(subjects, loo.points, loo.weights, gap)
     except RefusalError as refused:
         return Skipped("checks of the hierarchical model", refused.message.rstrip("."))
     return Checks(
         normality=fit.data.normality,
         loo=subject_tables(fit, subjects, loo, predicted),
-        without=tuple(_intervals_without(fit, subjects, loo)),
+        without=tuple(_intervals_without(fit, loo, predicted)),
         statistics=tuple(_statistics(fit, subjects)),
     )
 
 
-def _intervals_without(fit: Fit, subjects: SubjectDensity, loo: Loo) -> Iterator[IntervalWithout]:
+def _intervals_without(fit: Fit, loo: Loo, predicted: Predicted) -> Iterator[IntervalWithout]:
     """Yield each average user's interval without each subject in turn, by weighted draws."""
-    numbers = loo.weights.size * len(fit.column)
-    gap = max(1, min(numbers // _MOST_NUMBERS, len(loo.points) // _FEWEST_DRAWS))
-    weights = loo.weights[::gap]
-    weights = weights / weights.sum(axis=0)
-    found = intervals_left_out(subjects, loo.points[::gap], weights, fit.data.asked.level)
-    of_cells = np.stack(found).reshape(3, len(weights.T), -1)
+    found = intervals_left_out(predicted, fit.data.asked.level)
     trusted = loo.trusted[:, None]
+    of_cells = np.stack(found).reshape(3, len(trusted), -1)
     lower, estimate, upper = np.where(trusted, fit.scale.native(of_cells), np.nan)
     for (parameter, environment), c in fit.column.items():
         ends = {}

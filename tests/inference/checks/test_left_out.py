@@ -88,7 +88,9 @@ def test_intervals_without_a_subject_equal_quadrature_over_the_posterior_of_the_
     subjects = small.subjects_of(RESPONSE)
     points = small.even_draws(subjects.density, 4000)
     loo = leave_one_out(subjects, points, chains=4)
-    lower, mean, upper = intervals_left_out(subjects, loo.points, loo.weights, 0.95)
+    lower, mean, upper = intervals_left_out(
+        predict_left_out(subjects, loo.points, loo.weights), 0.95
+    )
     for i in range(len(RESPONSE)):
         others = small.density_of(np.delete(RESPONSE, i))
         mass, _ = small.weights(others)
