@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from percept.checkpoint import Checkpoint, Line
+from percept.checkpoint import Checkpoint, Line, plan_digest
 from percept.errors import RefusalError, UsageError
 from percept.judge import CoveragePlan, Family, Held, Labels, Method, judge_study
 from percept.provenance import markdown_table
@@ -222,7 +222,7 @@ def coverage(
             "a standard error needs at least two studies.", key="studies", value=studies
         )
     judge = functools.partial(_judged_line, plan)
-    kept = Checkpoint(checkpoint, plan.key, what="judged")
+    kept = Checkpoint(checkpoint, plan_digest(plan), what="judged")
     lines = kept.complete(judge, studies, mapper=mapper, progress=progress)
     judged = []
     for line in lines:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.checkpoint import plan_digest
 from percept.errors import RefusalError, UsageError
 from percept.haptics import Loop
 from percept.haptics.perceived import perceived_magnitude
@@ -77,11 +76,6 @@ class CoveragePlan:
     def asked(self) -> InferenceTable:
         """What the analysis asks for."""
         return self.scene.inference
-
-    @property
-    def key(self) -> str:
-        """A digest that tells results of different plans apart."""
-        return plan_digest(self)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ ALLOWED = {
     "planning": {"inference", "html", "errors"},
     "simulate": {"inference", "errors"},
     "published": {"simulate", "sessions", "inference", "errors"},
-    "judge": _ANALYSIS | {"simulate", "checkpoint"},
+    "judge": _ANALYSIS | {"simulate"},
     "calibration": _ANALYSIS | {"judge", "simulate", "checkpoint", "workers", "provenance"},
     "checkpoint": {"files", "workers", "errors"},
     "batch": {

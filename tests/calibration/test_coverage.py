@@ -19,6 +19,7 @@ from percept.calibration import (
     fitted_values,
     plan_like,
 )
+from percept.checkpoint import plan_digest
 from percept.judge import (
     CoveragePlan,
     Held,
@@ -104,7 +105,7 @@ def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Pa
     plan = plan_like(durations(), method="classical")
     before = coverage(plan, 2, checkpoint=path)
     with path.open("a") as file:
-        file.write('{"plan": "' + plan.key + '", "index": 2, "jud')  # cut short
+        file.write('{"plan": "' + plan_digest(plan) + '", "index": 2, "jud')  # cut short
     done: list[tuple[int, int]] = []
     pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
 

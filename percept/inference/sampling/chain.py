@@ -252,15 +252,12 @@ class Chain:
             self._components = []
         elif not run.gate.passed:
             while self._full or run.steps_to_settle > self._most_positions * self._stride:
-                self._keep_every_second()
-
-    def _keep_every_second(self) -> None:
-        """Thin the kept positions, in one order in memory: sums depend on it."""
-        (points,) = self._points
-        (components,) = self._components
-        self._points = [np.ascontiguousarray(points[:, 1::2])]
-        self._components = [np.ascontiguousarray(components[:, 1::2])]
-        self._stride *= 2
+                # Every second position stays, in one order in memory: sums depend on it.
+                (points,) = self._points
+                (components,) = self._components
+                self._points = [np.ascontiguousarray(points[:, 1::2])]
+                self._components = [np.ascontiguousarray(components[:, 1::2])]
+                self._stride *= 2
 
     def steps_needed(self, run: Run) -> int:
         """Predict the steps the run must span to settle and to be accurate enough."""
