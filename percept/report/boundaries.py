@@ -22,6 +22,7 @@ from percept.report.basics import (
     distinct,
     family_of,
     is_known,
+    listed,
     matching,
     of,
     percentage,
@@ -240,10 +241,17 @@ def _band(results: Results, parameter: str | None) -> Section:
     likely = {"Statement": str} | side_by_side(statements, "statement", ("method",), probability)
     likely_caption = "Share of posterior draws, or of bootstrap samples, in which it is true."
     best = max(laws, key=lambda law: (law.method == "bayesian", law.best), default=None)
+    sentences = [best.sentence] if best else []
+    unlimited = distinct([row for row in rows if math.isinf(row.band)], "environment")
+    if unlimited:
+        sentences.append(
+            f"In {listed(unlimited)} there are too few {words.subjects} for a finite upper limit."
+            " Without it no law is fitted."
+        )
     return Section(
         name,
         f"Band of {what}",
-        [best.sentence] if best else [],
+        sentences,
         [
             table_of(caption, distinct(rows, "environment"), columns, name=name, csv="band"),
             _law_table(laws, symbol, words.environment),

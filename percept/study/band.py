@@ -16,6 +16,7 @@ from percept.boundary.band import (
     determines_laws,
     size_name,
 )
+from percept.boundary.law import BEYOND
 from percept.boundary.shares import score_of
 from percept.haptics import Device, Loop, magnitude_envelope
 from percept.inference.classical.intervals import Claim, interval_of
@@ -207,6 +208,7 @@ def band_study(
                 not rows_of_method
                 or environments != tuple(drawn_ends)
                 or not determines_laws(sizes)
+                or any(np.isinf(row.band) for row in rows_of_method)
             ):
                 continue
             widths = [upper - lower for lower, upper in drawn_ends.values()]
@@ -244,6 +246,10 @@ def _rows(intervals: Sequence[IntervalRow], banded: Banded) -> Iterator[BandRow]
     for (_, method, family), of_users in users.items():
         for environment, (lower, upper) in banded.ends(of_users).items():
             size = banded.size[environment]
+            limits = [of_users[cell] for cell in banded.cells(of_users)[environment]]
+            if np.abs(limits).max() >= BEYOND:
+                # Of two or three subjects the logarithms leave a limit open.
+                upper = np.array(np.inf)
             band = float(upper) - float(lower)
             yield BandRow(
                 environment=environment,

@@ -6,11 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from percept import Scene, Study
+from percept import Scene, Study, read_sessions
+from percept.report.boundaries import boundaries
 from percept.sessions import Sessions
 from percept.study.band import (
     Banded,
 )
+from tests import DATASETS
 
 
 def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> None:
@@ -45,3 +47,18 @@ def test_the_size_of_an_environment_ranges_over_its_limits_as_on_a_grid() -> Non
         lower, upper = Banded(None, {"E": 1.0}, 10.0).ends(limits)["E"]
         assert float(upper) == pytest.approx(grid.max(), rel=1e-14)
         assert float(lower) == pytest.approx(grid.min(), abs=0.05)
+
+
+def test_two_subjects_leave_a_limit_open_and_no_law() -> None:
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
+    two = Study(Sessions.from_frame(table[table["subject"].isin(["S01", "S02"])]), scene)
+    assert two.band is not None
+    bands = {(row.environment, row.family): row for row in two.band.rows}
+    assert bands["VE1", "lognormal"].upper == bands["VE1", "lognormal"].relative == np.inf
+    assert bands["VE2", "lognormal"].band == pytest.approx(50.03, rel=1e-3)
+    assert {law.family for law in two.band.laws} == {"normal"}
+    (page,) = [part for part in boundaries(two.results()).parts if part.name == "band"]
+    assert page.sentences == [
+        "In VE1 there are too few subjects for a finite upper limit. Without it no law is fitted."
+    ]

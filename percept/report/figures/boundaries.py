@@ -211,7 +211,11 @@ def draw_band(
         if row is None:
             continue
         drawn.append(method)
-        chosen = matching(of_parameter, method=method, family=row.family)
+        chosen = [
+            one
+            for one in matching(of_parameter, method=method, family=row.family)
+            if np.isfinite(one.band)
+        ]
         sizes = [getattr(one, size) for one in chosen]
         laws = matching(band.laws, method=method, family=row.family, parameter=parameter)
         for one, place in zip(chosen, sizes, strict=True):
