@@ -246,8 +246,8 @@ def _rows(intervals: Sequence[IntervalRow], banded: Banded) -> Iterator[BandRow]
     for (_, method, family), of_users in users.items():
         for environment, (lower, upper) in banded.ends(of_users).items():
             size = banded.size[environment]
-            limits = [of_users[cell] for cell in banded.cells(of_users)[environment]]
-            if np.abs(limits).max() >= BEYOND:
+            sides = np.array([of_users[cell] for cell in banded.cells(of_users)[environment]])
+            if np.abs(sides).max() >= BEYOND:
                 # Of two or three subjects the logarithms leave a limit open.
                 upper = np.array(np.inf)
             band = float(upper) - float(lower)
