@@ -77,13 +77,15 @@ def _melted(file: OpenFile) -> pd.DataFrame:
     """Give a row for each observation, with its ids: one set of columns, or several melted."""
     file_columns = _file_columns(file)
     slots = file.resolution.slots
-    cells = file.cells(
-        {at for slot in slots for at in (*file_columns.values(), *slot.columns.values())}
-    )
+    positions = set(file_columns.values())
+    for slot in slots:
+        positions.update(slot.columns.values())
+    cells = file.cells(positions)
     parts = []
     for slot in slots:
         columns = {**file_columns, **slot.columns}
-        part = cells[list(columns.values())].set_axis(list(columns), axis=1)
+        part = cells[list(columns.values())]
+        part = part.set_axis(list(columns), axis=1)
         parts.append(part.assign(**slot.ids))
     data = parts[0]
     if len(parts) > 1:
@@ -107,7 +109,8 @@ def _joined(
 ) -> pd.Series[str]:
     """Join ids of several columns; one that lacks a part is blank, and so missing."""
     parts = data[[canonical, *map(FileColumn, also)]]
-    joined = data[canonical].str.cat(parts.iloc[:, 1:].to_numpy(dtype=object), sep="-")
+    further = parts.iloc[:, 1:].to_numpy(dtype=object)
+    joined = data[canonical].str.cat(further, sep="-")
     different = parts.assign(joined=joined).drop_duplicates()
     first = different[different["joined"].duplicated(keep=False)].head(1)
     for *texts, text in first.itertuples(index=False, name=None):
@@ -166,13 +169,16 @@ def _exclude(
     of_trials: bool = False,
 ) -> pd.DataFrame:
     """Leave rows out and log them; `of_trials` logs those with a subject and environment."""
-    ids = data[excluded].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
-    for row, cells in zip(ids.index.tolist(), ids.to_dict("records"), strict=True):
+    names = [*IDS, "trial"]
+    ids = data[excluded].reindex(columns=names, fill_value="").astype(str)
+    records = ids.to_dict("records")
+    for row, cells in zip(ids.index.tolist(), records, strict=True):
         who = cells.pop("subject")
         if of_trials and not (who.strip() and cells["environment"].strip()):
             continue
         what = [f"{name} {text.removesuffix('.0')}" for name, text in cells.items() if text]
-        file.log.exclusions.append(Exclusion(who, ", ".join(what), why, file.name, row))
+        exclusion = Exclusion(who, ", ".join(what), why, file.name, row)
+        file.log.exclusions.append(exclusion)
     return _keep(file, data, ~excluded, f"excluded: {why}")
 
 
@@ -209,7 +215,8 @@ def _unpack_json(file: OpenFile, data: pd.DataFrame) -> None:
 def _with_adjustments(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     """Leave out rows without any adjustment."""
     adjusted = [name for name in data if isinstance(name, str) and name.endswith("_adj")]
-    blank = np.logical_and.reduce([file.is_missing(data[column]) for column in adjusted])
+    missing = [file.is_missing(data[column]) for column in adjusted]
+    blank = np.logical_and.reduce(missing)
     return _exclude(file, data, blank, "no adjustment", of_trials=True)
 
 
@@ -266,7 +273,8 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     ids = [column for column in (*IDS, "trial") if column in data]
     numbers = [column for column in _numbers(file, data) if column != "trial"]
     # Physical lines may repeat in a wide table: values go by position.
-    data[numbers] = data.groupby(ids, sort=False, dropna=False)[numbers].ffill().to_numpy()
+    trials = data.groupby(ids, sort=False, dropna=False)
+    data[numbers] = trials[numbers].ffill().to_numpy()
     is_last = ~data.duplicated(ids, keep="last").to_numpy()
     rows = len(data)
     earlier = rows - int(is_last.sum())
@@ -289,7 +297,8 @@ def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
         lowest = -np.inf if rule.below is None else rule.below
         highest = np.inf if rule.above is None else rule.above
         numbers = data[column].to_numpy()
-        data = _exclude(file, data, (numbers < lowest) | (numbers > highest), rule.why)
+        is_beyond = (numbers < lowest) | (numbers > highest)
+        data = _exclude(file, data, is_beyond, rule.why)
     return data
 
 
@@ -305,14 +314,17 @@ def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
         frame["trial"] = 1
     groups = {name: data[FileColumn(name)] for name in _groups(file)}
     frame = frame.assign(**lacking, **groups, row=data.index)
-    return frame.astype({**dict.fromkeys(IDS, "str"), "trial": np.int64})
+    kinds: dict[str, Any] = dict.fromkeys(IDS, "str")
+    kinds["trial"] = np.int64
+    return frame.astype(kinds)
 
 
 def read_summary(file: OpenFile) -> pd.DataFrame:
     """Give the rows of a published table with limits; means and SDs become limits."""
     columns = file.resolution.slots[0].columns
     has_limits = {"lower", "upper"} <= columns.keys()
-    names = ["reference", *(("lower", "upper") if has_limits else ("mean", "sd")), "n"]
+    pair = ("lower", "upper") if has_limits else ("mean", "sd")
+    names = ["reference", *pair, "n"]
     if has_limits or "level" in columns:
         names.append("level")
     _require(file, ("environment", *names))
@@ -352,5 +364,7 @@ def _with_limits(file: OpenFile, frame: pd.DataFrame) -> pd.DataFrame:
     with np.errstate(invalid="ignore", divide="ignore"):
         t = -stdtrit(frame["n"] - 1, 0.5 * (1 - frame["level"]))
         half = t / np.sqrt(frame["n"]) * frame["sd"]
-    limits = frame.assign(lower=frame["mean"] - half, upper=frame["mean"] + half)
+    lower = frame["mean"] - half
+    upper = frame["mean"] + half
+    limits = frame.assign(lower=lower, upper=upper)
     return limits.drop(columns=["mean", "sd"])
