@@ -6,6 +6,7 @@ import pytest
 
 from percept import Scene, Study, read_sessions
 from tests import DATASETS
+from tests.study.within import only
 
 
 def analysed(name):
@@ -29,8 +30,7 @@ def test_student_s_sleepers():
     made = analysed("sleep")
     found = means(made, "drug")
     assert {name: round(mean, 2) for name, mean in found.items()} == {"first": 0.75, "second": 2.33}
-    rows = made.contrasts
-    (row,) = rows[(rows["of"] == "bias") & (rows["kind"] == "mean")].to_dict("records")
+    row = only(made.contrasts, of="bias", kind="mean")
     assert round(row["estimate"], 2) == 1.58
     assert row["unit"] == "h"
     assert row["p_value"] < 0.01
