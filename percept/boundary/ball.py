@@ -25,10 +25,7 @@ from percept.boundary.law import BEYOND, Axis, PairLaw, between, cell_and_fracti
 from percept.haptics.loop import Loop
 from percept.haptics.perceived import DistancePlane
 
-__all__ = ["Balls"]
-
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 # Nodes of the integral. Laws of three subjects have tails that 24 nodes miss by a fifth.
@@ -48,9 +45,6 @@ _HIGHEST_POLYNOMIALS = _POLYNOMIALS[:, -_ROUGHNESS_ORDERS:]
 _LARGE_BALL = 0.5
 # Squares of magnitudes, (N·s/m)², below this count as zero: it still has a logarithm.
 _LEAST_SQUARE = BEYOND**-2
-# Where the grid of an axis begins and ends.
-_FIRST_PLACE = np.zeros(1)
-_LAST_PLACE = np.ones(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,36 +55,19 @@ class AxisTerm:
     gain: Array  # (M,) above zero
     offset: Array  # (M,) N·s/m
 
-    def at(self, chosen: Indices | Flags | slice) -> AxisTerm:
-        """Return the term at some of its frequencies."""
-        gain = self.gain[chosen]
-        return AxisTerm(self.axis, gain, self.offset[chosen])
-
-    def by_row(self) -> AxisTerm:
-        """Return the term with a row for each frequency, (M, 1)."""
-        gain = self.gain[:, None]
-        return AxisTerm(self.axis, gain, self.offset[:, None])
-
-    def of_value(self, value: Array) -> Array:
-        """Return the term of values of k or b, N·s/m."""
-        return self.gain * value + self.offset
+    def rows(self, frequency: Indices) -> AxisTerm:
+        """Return the term at some of its frequencies, a row for each, (Q, 1)."""
+        gain = self.gain[frequency, None]
+        return AxisTerm(self.axis, gain, self.offset[frequency, None])
 
     def of_place(self, place: Array) -> Array:
         """Return the term at places on the axis, N·s/m."""
-        return self.of_value(self.axis.native(place))
+        return self.gain * self.axis.native(place) + self.offset
 
-    def smallest_size(self) -> Array:
-        """Return the smallest size of the term on the axis's grid, N·s/m."""
-        lowest = self.of_place(_FIRST_PLACE)
-        highest = self.of_place(_LAST_PLACE)
-        same_sign = np.maximum(lowest, -highest)
-        return np.maximum(0.0, same_sign)
-
-    def largest_size(self) -> Array:
-        """Return the largest size of the term on the axis's grid, N·s/m."""
-        lowest = self.of_place(_FIRST_PLACE)
-        highest = self.of_place(_LAST_PLACE)
-        return np.maximum(-lowest, highest)
+    def sizes(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest size of the term on the axis's grid, N·s/m."""
+        lowest, highest = (self.of_place(np.array([place])) for place in (0.0, 1.0))
+        return np.maximum(0.0, np.maximum(lowest, -highest)), np.maximum(-lowest, highest)
 
     def native(self, term: Array) -> Array:
         """Return the k or b that makes a term so large."""
@@ -165,8 +142,10 @@ class Balls:
 
     def log_range(self) -> tuple[Array, Array]:
         """Return the smallest and the largest log abs(Z_h) on the law's grid, (M,) each."""
-        smallest = self.k.smallest_size() ** 2 + self.b.smallest_size() ** 2
-        largest = self.k.largest_size() ** 2 + self.b.largest_size() ** 2
+        k_smallest, k_largest = self.k.sizes()
+        b_smallest, b_largest = self.b.sizes()
+        smallest = k_smallest**2 + b_smallest**2
+        largest = k_largest**2 + b_largest**2
         squares = np.maximum([smallest, largest], _LEAST_SQUARE)
         low, high = 0.5 * np.log(squares)
         return low, high
@@ -247,12 +226,13 @@ class Balls:
     ) -> _Slices:
         """Lay nodes over the outer variable's span in each ball, and find the inner intervals."""
         terms = (self.k, self.b)
-        inner_term = terms[inner].at(frequency).by_row()
-        outer_term = terms[1 - inner].at(frequency).by_row()
+        inner_term = terms[inner].rows(frequency)
+        outer_term = terms[1 - inner].rows(frequency)
         radius = radius[:, None]
         # Where the inner term cannot be zero, the outer one does not reach the radius: nodes that
         # far out would be wasted.
-        reach = _leg(radius, inner_term.smallest_size())
+        smallest, _ = inner_term.sizes()
+        reach = _leg(radius, smallest)
         first = outer_term.place(-reach)
         last = outer_term.place(reach)
         half = 0.5 * (last - first)

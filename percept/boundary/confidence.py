@@ -21,14 +21,6 @@ from percept.haptics.shown import shown_limits
 from percept.inference.classical.fiducial import central_range_confidence, fiducial_draws
 from percept.inference.classical.moments import Moments
 
-__all__ = [
-    "FEWEST_FOR_PAIR",
-    "PARTS",
-    "Confidence",
-    "confidence",
-    "fiducial_users",
-]
-
 Array = NDArray[np.float64]
 
 #: Fiducial draws of the population: a confidence of 0.95 is known to 0.005 by them.

@@ -15,8 +15,6 @@ from percept.haptics.perceived import Boxes, Display, DistancePlane, Point, Rang
 from percept.haptics.records import Coupling
 from percept.searches import rising_root
 
-__all__ = ["CouplingJudge", "magnitude_ranges"]
-
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]

@@ -75,7 +75,6 @@ class Evidence:
     plane: float  # By effective stiffness and damping alone
     by_central: tuple[float, ...]  # Probability against each further central share
     error: float  # Monte Carlo standard error of `probability`, with the draws that are too near
-    too_near: float  # Share of draws whose score is nearer to the edge than the search resolves
     scores: Array  # (D,) Largest distance of each draw from its median user, in SDs
     real: Flags  # (D,) Under which draws it feels real
     lowest: float = 1.0  # By abs(Z_h) at the one omega where it is least probable
@@ -221,7 +220,6 @@ def _evidence(
         plane=_share(plane <= edge),
         by_central=tuple(_share(largest <= score_of(share)) for share in centrals),
         error=share_error(probability, inside.size) + too_near,
-        too_near=too_near,
         scores=largest,
         real=inside,
     )

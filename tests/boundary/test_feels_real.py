@@ -108,7 +108,7 @@ def test_draws_are_added_only_while_the_error_straddles_a_threshold():
     at_threshold = feels_real(DISPLAY, users, OMEGA, central=LEVEL, decision=DECISION)
     assert at_threshold.draws > clear.draws or at_threshold.clear_of(DECISION)
     straddling = Evidence(
-        probability=0.95, magnitude=0.95, plane=1.0, error=0.01, too_near=0.0, by_central=(),
+        probability=0.95, magnitude=0.95, plane=1.0, error=0.01, by_central=(),
         scores=np.zeros(512), real=np.ones(512, dtype=bool),
     )  # fmt: skip
     assert not straddling.clear_of(DECISION)
