@@ -6,18 +6,28 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from percept.errors import RefusalError
 from percept.inference.classical.moments import Moments
-from percept.inference.model.model import Model, Product, Unpooled, plain_model
+from percept.inference.model.model import LinearModel, Model, Product, Unpooled, plain_model
+from percept.inference.model.priors import Priors
 from percept.inference.model.statistics import from_summary
 from percept.inference.record import Kind
+from percept.inference.sampling.endpoints import mixture_limits
 from percept.results import Skipped
 from percept.study.basics import Array
 from percept.study.data import Data
 from percept.study.linear import Contrast, linear_model, options_of, priors_of
 from percept.study.responses import NO_SCALE, ResponseScale, Trials, decades, refuse_no_ratio
 from percept.study.subject_trials import own_trial_sds
+
+#: A Bayesian interval may be so many times as wide as the classical one: beyond it the data tell
+#: next to nothing. The page tells from one and a half on.
+_MOST_WIDENED = 10.0
+#: Grid of log sigma: e-folds beyond the data and the prior at each end, and points.
+_GRID_MARGIN = 5.0
+_GRID_POINTS = 4000
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -89,6 +99,7 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
     trials = data.trials(*parameters, partial=data.asked.method == "both")
     has_own_sds = own_trial_sds(trials, data.scene)
     model, compared = linear_model(trials, data, own_trial_sds=has_own_sds is True)
+    _refuse_ruling_prior(model, data)
     skipped = [skip for skip in (has_own_sds, *compared) if isinstance(skip, Skipped)]
     return Prepared(
         data=data,
@@ -100,6 +111,51 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
         skipped=(*trials.skipped, *skipped),
         contrasts=tuple(contrast for contrast in compared if isinstance(contrast, Contrast)),
     )
+
+
+def _refuse_ruling_prior(model: LinearModel, data: Data) -> None:
+    """Refuse one cell whose interval is far wider by the prior of the spread than by the data.
+
+    Both intervals are those of the mean.
+    """
+    if len(model.design.cells.names) > 1:
+        return
+    statistics = model.statistics
+    tail = 0.5 * (1.0 - data.asked.level)
+    for p, parameter in enumerate(statistics.parameters):
+        sd = statistics.sd[p, 0]
+        df = statistics.df[p, 0]
+        if sd == 0.0:
+            continue
+        times = -_scaled_half_width(sd, df, model.priors, tail) / (sd * special.stdtrit(df, tail))
+        if times > _MOST_WIDENED:
+            label = data.quantities[parameter].label
+            raise RefusalError(
+                f"the prior of the spread makes the interval of {label} in"
+                f" {statistics.environments[0]} {times:.2g} times as wide as the data do.",
+                hint=(
+                    "Use the classical interval, lower log_s_mean in [model.priors], or set"
+                    ' pooling = "none".'
+                ),
+            )
+
+
+def _scaled_half_width(sd: float, df: float, priors: Priors, tail: float) -> float:
+    """Half-width of the model's interval of one cell's mean, times the root of its subjects.
+
+    The mean has normal laws over the posterior of log sigma: its prior times
+    sigma^-df exp(-df sd²/(2 sigma²)).
+    """
+    highest = max(np.log(sd), priors.log_s_mean) + _GRID_MARGIN
+    log_sigma = np.linspace(np.log(sd) - _GRID_MARGIN, highest, _GRID_POINTS)
+    z = (log_sigma - priors.log_s_mean) / priors.log_s_sd
+    of_data = log_sigma + 0.5 * np.exp(2.0 * (np.log(sd) - log_sigma))
+    log_density = -0.5 * z * z - df * of_data
+    cumulative = np.cumsum(np.exp(log_density - log_density.max()))
+    shares = np.linspace(0.0, cumulative[-1], _GRID_POINTS)
+    sigma = np.exp(np.interp(shares, cumulative, log_sigma))[:, None]
+    _, half_width, _ = mixture_limits(np.zeros_like(sigma), sigma, tail)
+    return float(half_width[0])
 
 
 def _side_by_side(parts: list[Prepared]) -> Prepared:
@@ -155,7 +211,9 @@ def _from_limits(data: Data) -> Prepared:
     for parameter, *numbers in of_parameters:
         statistics = from_summary(*numbers, parameter=parameter, environments=data.environments)
         priors = priors_of(data.scene, (parameter,))
-        models.append(plain_model(statistics, priors, options_of(data.scene)))
+        model = plain_model(statistics, priors, options_of(data.scene))
+        _refuse_ruling_prior(model, data)
+        models.append(model)
     return Prepared(data=data, model=Product(models), scale=scale, counts=counts, repeats=None)
 
 

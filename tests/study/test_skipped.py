@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import optimize, stats
 
 from percept import Scene, Study, read_sessions
 from percept.errors import RefusalError
@@ -168,3 +169,43 @@ def test_published_limits_about_a_reference_without_a_ratio(family, value):
     message = f"the reference stiffness of VE1 is {value:g}, which has no ratio"
     with pytest.raises(RefusalError, match=message):
         _ = found.intervals
+
+
+def close_together(sd, seed=5):
+    """Ten subjects in one environment, whose logarithms have this SD."""
+    data = table({"VE2": PLACES["VE2"]}, subjects=10, seed=seed)
+    for column in ("k", "b"):
+        reference = data[f"{column}_ref"]
+        data[f"{column}_adj"] = reference * (data[f"{column}_adj"] / reference) ** (sd / 0.15)
+    return data
+
+
+def test_a_prior_that_rules_the_interval_is_refused():
+    """The widening is that of a quadrature of its own, on the scale of sigma."""
+    data = close_together(1e-6)
+    asked = {**BAYESIAN, "level": 0.99, "parameters": ["k"]}
+    with pytest.raises(RefusalError) as refused:
+        _ = study(data, inference=asked).intervals
+    sd = np.log(data["k_adj"]).std(ddof=1)
+    sigma = np.geomspace(1e-8, 10.0, 20_001)
+    density = stats.lognorm.pdf(sigma, 1.0, scale=0.2) * sigma * (sd / sigma) ** 9
+    density *= np.exp(-4.5 * (sd / sigma) ** 2)
+    density /= density.sum()
+
+    def above(limit):
+        return density @ stats.norm.sf(limit / sigma) - 0.005
+
+    times = optimize.brentq(above, 1e-8, 10.0) / (sd * stats.t.isf(0.005, 9))
+    expected = f"stiffness in VE2 {times:.2g} times as wide as the data do"
+    assert expected in str(refused.value)
+    assert "lower log_s_mean in [model.priors]" in str(refused.value)
+    both = study(data, inference={**asked, "method": "both"})
+    assert set(both.intervals["method"]) == {"classical"}
+    assert any(expected in why for why in reasons(both).values())
+    told = study(data, inference=asked, model={"priors": {"log_s_mean": float(np.log(sd))}})
+    assert set(told.intervals["method"]) == {"bayesian"}
+
+
+def test_a_prior_that_widens_the_interval_less_is_told_only():
+    found = study(close_together(1e-3), inference={**BAYESIAN, "level": 0.99})
+    assert len(found.intervals) == 6
