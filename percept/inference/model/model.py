@@ -1,7 +1,7 @@
 """Models of studies: what the sampler and reports need of a posterior.
 
-A model has its locations integrated out. Its coordinates are those of the scales, near standard
-normal under the prior; at coordinates x with scales s(x),
+A model has its locations integrated out. Its coordinates stand for scales and are near standard
+normal under the prior. At coordinates x with scales s(x),
 
     log density(x) = log prior(x) + log p(cell means | s) + log p(scatter between trials | s)
 

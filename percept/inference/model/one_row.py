@@ -7,8 +7,9 @@ and Z the columns of a subject's effects,
     contrasts    N(0, D + ZZ')
     mean         N(X c + Z b/√N, D/N + OT²O')
 
-X are the columns of fixed terms, O those of the environments' own deviations with SDs T. c and b
-are standard normal. The own deviations count as noise of the mean: blocks by environment. Whitened
+X holds the columns of fixed terms. O holds the columns of the environments' own deviations, whose
+SDs are T. c and b are standard normal. Own deviations count as noise of the mean: blocks by
+environment. Whitened
 by it, Z/√N, X and the mean itself are few columns A, and all that is asked follows from a small
 Cholesky factor of I + A'A. No large precisions are subtracted, so that no digits are lost where
 noise is small.

@@ -158,11 +158,10 @@ def _cell_scatter(
 
 
 def _within_subjects(statistics: Statistics, subject_columns: Array) -> tuple[Array, Array]:
-    """SD and degrees of freedom of cell means about those of cells, and of subjects' columns.
+    """SD of subjects' cell means about the cells and about subjects' lines, and its df.
 
-    The columns, (q, P, C), are those that each subject has a coefficient of. Their fit takes a
-    subject's degrees of freedom from the cells that it leans on, and the mean of a cell takes one
-    from its subjects.
+    Each subject has a coefficient of every column (q, P, C). Fitting it takes degrees of freedom
+    from the cells on which the fit leans. The mean of a cell takes one from its subjects.
     """
     cell_means = statistics.cell_means
     about_cells = cell_means - np.nanmean(cell_means, axis=0)

@@ -40,8 +40,8 @@ Axis = tuple[str, Sequence[str]]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
-#: Symbols of the scales of the term that enters all cells alike, and of a factor's, which adds its
-#: own name.
+#: Symbols of scales: the first for the term that enters all cells alike, the second for factors,
+#: which add their name.
 _SYMBOLS_OF_LEVEL = {"sigma": "sigma_u", "rho": "rho_u", "tau": "tau"}
 _SYMBOLS_OF_FACTOR = {"sigma": "sigma_v", "rho": "rho_v", "tau": "tau"}
 
@@ -120,7 +120,7 @@ class Coordinates:
     own_slopes : tuple of str
         Covariates of which subjects have slopes of their own.
     between, trial : CellSpreads
-        Map of the SDs between subjects; of those between trials, None without repeats.
+        Maps of the SDs between subjects, and between trials; the second is None without repeats.
     """
 
     def __init__(

@@ -61,7 +61,7 @@ class _Table:
         return cls(squares, np.where(of_subject > 0.0, df, 0.0))
 
     def rough_log_sds(self) -> Array:
-        """Log SDs of subjects less those of the cells, fitted to one another in turns, (P, N)."""
+        """Log SDs of subjects over the cells' SDs, fitted to one another in turns, (P, N)."""
         quantities, subjects, _ = self.squares.shape
         rough = np.zeros((quantities, subjects))
         squares_by_cell = self.squares.swapaxes(1, 2)

@@ -14,8 +14,8 @@ fixed combination of the products v'D⁻¹w of vectors of one kind. One sparse m
 combinations, and no draw walks over units.
 
 Arrays have a own deviations in each of J environments, r other latents, q effects of each of G
-patterns, P quantities, U units, V vectors and W sets of scales. Among the unknowns come those that
-are eliminated first, effects or own deviations; then the others; the data are one more column.
+patterns, P quantities, U units, V vectors and W sets of scales. Effects or own deviations are
+eliminated first and come first among the unknowns. The data are one more column, the last.
 """
 
 from __future__ import annotations
@@ -83,8 +83,9 @@ class Units:
         if covariates is not None:
             # Each pattern is a subject. Rows of trials follow the means.
             within = [covariates.names.index(name) for name in covariates.within]
-            values = covariates.mean[:, member[self.pattern], cell]
-            values = np.hstack([values, covariates.row_values])
+            subject = member[self.pattern]
+            values_of_means = covariates.mean[:, subject, cell]
+            values = np.hstack([values_of_means, covariates.row_values])
             pattern_of_subject = np.argsort(member)
             of_rows = pattern_of_subject[covariates.row_subject]
             no_mean = np.zeros(len(of_rows))
@@ -111,7 +112,8 @@ class Units:
         self.own_first = len(self.multipliers) * self.patterns < self.deviations
         self.columns = self._columns()
         group = statistics.scatter.group_of(member[self.pattern], cell)
-        self._set_kinds(np.stack([is_mean, cell, group, trials]))
+        labels = np.stack([is_mean, cell, group, trials])
+        self._set_kinds(labels)
 
     def _set_kinds(self, labels: Array) -> None:
         """Give every kind a number: each has labels (4, U) of its own."""
@@ -142,8 +144,9 @@ class Units:
         unit = np.concatenate([unit, unit_of_effect])
         row = vector * units + unit
         column = np.concatenate([column_of_latent, column_of_effect])
-        shape = ((quantities + effects) * units, effect_unknowns + len(self.latents))
-        return sparse.csr_array((values, (row, column)), shape)
+        rows = (quantities + effects) * units
+        columns = effect_unknowns + len(self.latents)
+        return sparse.csr_array((values, (row, column)), (rows, columns))
 
     def noise(self, scales: CellScales) -> Block:
         """D of every kind, entries (kinds, W)."""
@@ -199,7 +202,8 @@ class JointPrecision:
         vector, unit = np.divmod(columns.row, unit_count)
         column = columns.col * vectors + vector
         by_column = sparse.csr_array((columns.data, (column, unit)))
-        column_and_kind = column * kinds + units.kind[unit]
+        kind = units.kind[unit]
+        column_and_kind = column * kinds + kind
         by_kind = sparse.csr_array((columns.data, (unit, column_and_kind)))
         # Summed over units: how often a pair of unknowns has a pair of vectors of a kind.
         pairs = (by_column @ by_kind).tocoo()
@@ -238,7 +242,8 @@ class JointPrecision:
             weighted = np.stack(noise.solve(tuple(vector)))
             for other in vectors[: number + 1]:
                 products.append(np.einsum("pnw,pnw->nw", weighted, other))
-        entries = self._combinations @ np.concatenate(products)
+        by_kind = np.concatenate(products)
+        entries = self._combinations @ by_kind
         width = entries.shape[1]
         parts = np.split(entries, self._ends[:-1])
         shaped = zip(parts, self._shapes, strict=True)
