@@ -28,7 +28,7 @@ _ARRAYS = ("points", "components", "errors", "autocorrelation_times")
 # Bytes of all entries: some hundred posteriors of ordinary studies.
 _LIMIT = 1_000_000_000
 #: Packages that decide the digits of a run, and whether the gate passes it.
-_DECISIVE = ("numpy", "scipy", "emcee", "arviz-stats")
+_DECISIVE = ("numpy", "scipy", "emcee")
 _log = logging.getLogger("percept.cache")
 
 

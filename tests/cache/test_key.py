@@ -116,6 +116,6 @@ def test_what_has_no_plain_value_has_no_digest(value):
 
 def test_the_version_names_the_packages_and_follows_the_code(tmp_path):
     version = numbers_version("inference")
-    for package in ("numpy", "scipy", "emcee", "arviz-stats"):
+    for package in ("numpy", "scipy", "emcee"):
         assert f"{package}': '{metadata.version(package)}'" in version
     assert numbers_version("inference", "study") != version

@@ -86,7 +86,9 @@ def monte_carlo_error(influence: Array) -> Array:
 
 
 def split_rhat(chains: Array, method: str) -> Array:
-    """Return ArviZ's R-hat of the halves of chains (Vehtari et al. 2021).
+    """Return R-hat of the halves of chains (Vehtari et al. 2021).
+
+    ArviZ has the same; importing it takes a fifth of a fit.
 
     Parameters
     ----------
@@ -100,12 +102,22 @@ def split_rhat(chains: Array, method: str) -> Array:
     ndarray
         Shape (V,); one where nothing varies.
     """
-    # A slow import, for runs of the sampler only.
-    from arviz_stats.base import array_stats
+    half = chains.shape[1] // 2
+    halves = np.concatenate([chains[:, :half], chains[:, -half:]])
+    if method == "split":
+        return _rhat(halves)
+    distances = np.abs(halves - np.median(halves, axis=(0, 1)))
+    return np.maximum(_rhat(normal_scores(halves)), _rhat(normal_scores(distances)))
 
-    # Halves that are constants divide by zero.
+
+def _rhat(chains: Array) -> Array:
+    """Compare the means of chains (M, N, V) with what varies in them."""
+    length = chains.shape[1]
+    within = chains.var(axis=1, ddof=1).mean(axis=0)
+    between = chains.mean(axis=1).var(axis=0, ddof=1)
+    # Chains that are constants divide by zero.
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = array_stats.rhat(chains, chain_axis=0, draw_axis=1, method=method)
+        found = np.sqrt(between / within + (length - 1) / length)
     constant = np.ptp(chains, axis=(0, 1)) == 0
     return np.where(constant, 1.0, found)
 
@@ -116,12 +128,13 @@ def normal_scores(values: Array) -> Array:
     Tied values, of walkers that stay, share the mean of their ranks. Ranks are shifted by Blom's
     numbers, with which scores are close to the means of a normal's order statistics.
     """
-    from scipy import stats  # slow to import, and for runs of the sampler only
-
     rows = values.reshape(-1, values.shape[-1])
-    ranks = stats.rankdata(rows, axis=0)
-    scores = special.ndtri((ranks - 0.375) / (len(rows) + 0.25))
-    return np.asarray(scores.reshape(values.shape))
+    scores = np.empty_like(rows)
+    for q, column in enumerate(rows.T):
+        _, place, count = np.unique(column, return_inverse=True, return_counts=True)
+        rank = np.cumsum(count) - 0.5 * (count - 1)
+        scores[:, q] = special.ndtri((rank - 0.375) / (len(rows) + 0.25))[place]
+    return scores.reshape(values.shape)
 
 
 def thin_walkers(series: Array, most: int) -> Array:

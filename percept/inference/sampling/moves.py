@@ -14,16 +14,33 @@ is given, and intervals come out too narrow with clean diagnostics.
 from __future__ import annotations
 
 import math
+import sys
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from types import SimpleNamespace
+from typing import Any, Protocol
 
-import emcee
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
+
+
+def _gaussian_kde(*arguments: Any, **options: Any) -> Any:
+    """Stand for SciPy's until a move of emcee's that percept does not use asks for it."""
+    from scipy import stats
+
+    return stats.gaussian_kde(*arguments, **options)
+
+
+# emcee would import all of scipy.stats for that move, which takes a tenth of a fit.
+_stand_in: Any = SimpleNamespace(gaussian_kde=_gaussian_kde)
+_is_missing = sys.modules.setdefault("scipy.stats", _stand_in) is _stand_in
+import emcee  # noqa: E402
+
+if _is_missing:
+    del sys.modules["scipy.stats"]
 
 __all__ = [
     "Ensembles",

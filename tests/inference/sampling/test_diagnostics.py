@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from arviz_stats.base import array_stats
 from scipy import signal, stats
 
 from percept.inference.sampling.diagnostics import (
@@ -55,6 +56,14 @@ def test_rhat_of_constants():
     for method in ("rank", "split"):
         assert split_rhat(constant, method)[0] == 1.0
         assert split_rhat(each_its_own, method)[0] == np.inf
+
+
+@pytest.mark.parametrize("method", ["rank", "split"])
+def test_rhat_is_that_of_arviz(method):
+    chains = np.random.default_rng(4).standard_t(3, size=(4, 51, 2))
+    chains[..., 1] = chains[..., 1].round()
+    wanted = array_stats.rhat(chains, chain_axis=0, draw_axis=1, method=method)
+    np.testing.assert_allclose(split_rhat(chains, method), wanted, rtol=1e-13)
 
 
 def test_normal_scores_are_those_of_ranks():
