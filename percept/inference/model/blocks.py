@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Numbers in the largest temporary of a pass, 1 MB of doubles: more leave the processor's cache.
-_NUMBERS = 1 << 17
+#: Numbers in the largest temporary of a pass, 2 MB of doubles: more leave the processor's cache.
+_NUMBERS = 1 << 18
 #: Draws of a pass at the least, where calls of numpy would cost more than arithmetic, and at the
 #: most, where calls cost little already.
-_FEWEST_DRAWS = 32
-_MOST_DRAWS = 1024
+_FEWEST_DRAWS = 128
+_MOST_DRAWS = 2048
 #: One array per parameter: the components of a vector for every entry of the trailing axes.
 Vector = tuple[Array, ...]
 

@@ -38,9 +38,11 @@ _MOST_DRIVERS = 6
 #: Standard errors that a bend or a widening must have to be believed. Chance passes one in 3,000
 #: pairs of coordinates, and one in 16,000 coefficients.
 _SIGNIFICANT = 4.0
-#: Standard errors within which a correlation counts as none. With 3, fits of thirty studies take a
-#: tenth more density values.
-_NOISE_LEVEL = 2.5
+#: Standard errors within which a correlation may count as none. Chance leaves six once in 500
+#: million pairs: no sample needs a higher level.
+_NOISE_LEVELS = np.arange(2.0, 6.5, 0.5)
+#: Largest fraction of the correlations kept that may be chance: most are real then.
+_MOST_BY_CHANCE = 0.5
 #: Relative difference below which two effects are equal but for rounding.
 _EQUAL = 1e-9
 #: Steps of the fit of log scales: Newton's method has settled by then.
@@ -380,7 +382,8 @@ def _factor(remainder: Array, effective: float) -> Array:
     correlation = covariance / np.outer(sd, sd)
     # The floor is zero for all purposes but the division below.
     square = effective * np.maximum(correlation**2, 1e-300)
-    correlation *= np.maximum(1.0 - _NOISE_LEVEL**2 / square, 0.0)
+    noise = _noise_level(square[np.triu_indices(len(square), 1)])
+    correlation *= np.maximum(1.0 - noise**2 / square, 0.0)
     while True:
         np.fill_diagonal(correlation, 1.0)
         try:
@@ -389,6 +392,19 @@ def _factor(remainder: Array, effective: float) -> Array:
             correlation *= _SHRINKAGE
             continue
         return np.asarray(sd[:, None] * factor)
+
+
+def _noise_level(squares: Array) -> float:
+    """Level in standard errors below which squared correlations, in squared errors, count as none.
+
+    Chance leaves 2 Phi(-t) P of P pairs beyond a level t. The lowest level is chosen at which these
+    are at most `_MOST_BY_CHANCE` of the pairs that do lie beyond; failing that, the last one.
+    """
+    beyond = squares[:, None] > _NOISE_LEVELS**2
+    by_chance = 2.0 * special.ndtr(-_NOISE_LEVELS) * len(squares)
+    real = by_chance <= _MOST_BY_CHANCE * beyond.sum(axis=0)
+    real[-1] = True
+    return float(_NOISE_LEVELS[np.argmax(real)])
 
 
 def _settled(values: Array, effective: float) -> Array:
