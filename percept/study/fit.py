@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from percept.inference.left_out import SubjectDensity
-from percept.inference.model.laws import Moments
+from percept.inference.model.gaussian import Moments
 from percept.inference.model.limits import Combinations, Limits, limits_of
 from percept.inference.model.model import Model
 from percept.inference.sampling.gate import Progress, Run, Settings

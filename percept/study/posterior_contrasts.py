@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy import special
 
-from percept.inference.model.laws import Moments
+from percept.inference.model.gaussian import Moments
 from percept.inference.model.limits import Limits, level_together, limits_of
 from percept.inference.record import Kind
 from percept.results import ContrastRow, Skipped

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from percept.inference.classical.variability import Bounded
-from percept.inference.model.laws import Moments
+from percept.inference.model.gaussian import Moments
 from percept.inference.model.model import LinearModel
 from percept.inference.model.predictions import cells_of_subjects, trend_rows
 from percept.inference.record import FloatOrArray

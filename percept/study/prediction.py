@@ -12,7 +12,7 @@ import pandas as pd
 from percept import haptics
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.model.laws import Joint
+from percept.inference.model.gaussian import Joint
 from percept.inference.model.limits import Limits
 from percept.inference.model.predictions import new_environment, new_name
 from percept.inference.sampling.endpoints import batch_errors

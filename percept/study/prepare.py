@@ -18,9 +18,14 @@ from percept.inference.sampling.endpoints import mixture_limits
 from percept.results import Skipped
 from percept.study.basics import Array
 from percept.study.data import Data
-from percept.study.linear import Contrast, linear_model, options_of, priors_of
+from percept.study.linear import (
+    Contrast,
+    linear_model,
+    options_of,
+    own_trial_sds,
+    priors_of,
+)
 from percept.study.responses import NO_SCALE, ResponseScale, Trials, decades, refuse_no_ratio
-from percept.study.subject_trials import own_trial_sds
 
 #: A Bayesian interval may be so many times as wide as the classical one: beyond it the data tell
 #: next to nothing. The page tells from one and a half on.

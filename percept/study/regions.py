@@ -22,7 +22,7 @@ from percept.study.basics import FAMILIES, Array
 from percept.study.data import Data
 
 if TYPE_CHECKING:
-    from percept.inference.model.laws import Joint
+    from percept.inference.model.gaussian import Joint
     from percept.study.fit import Fit
     from percept.study.responses import ResponseScale
 

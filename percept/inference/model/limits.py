@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from percept.inference.model.laws import Moments
+from percept.inference.model.gaussian import Moments
 from percept.inference.model.model import Model
 from percept.inference.sampling.endpoints import mixture_limits, share_half_width
 from percept.inference.sampling.gate import Estimates

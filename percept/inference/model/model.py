@@ -31,7 +31,7 @@ from percept.inference.model.design import (
     Options,
     design_of,
 )
-from percept.inference.model.laws import Columns, Joint, Law, Moments, joined, user_columns
+from percept.inference.model.gaussian import Columns, Joint, Law, Moments, joined, user_columns
 from percept.inference.model.one_row import OneRow, is_one_row
 from percept.inference.model.patterns import SeveralPatterns
 from percept.inference.model.priors import Named, Priors

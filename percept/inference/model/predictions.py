@@ -17,8 +17,7 @@ from scipy import linalg, special
 from percept.errors import RefusalError
 from percept.inference.model.blocks import Block
 from percept.inference.model.design import Design, columns_by_quantity, new_cells
-from percept.inference.model.gaussian import SubjectCovariance
-from percept.inference.model.laws import Joint, joined, user_columns
+from percept.inference.model.gaussian import Joint, SubjectCovariance, joined, user_columns
 from percept.inference.model.model import LinearModel, Model
 from percept.inference.model.priors import Named
 from percept.inference.model.scales import Scales, effect_columns

@@ -9,7 +9,7 @@ to them, and starts again with twice as many walkers: a restart.
 `sample` takes these steps:
 
 1. Warm up: a transport and starting points (`warmup`).
-2. Advance all walkers by a round, then estimate and judge (`chain`, `gate`).
+2. Advance all walkers by a round, then estimate and judge (`Chain`, `gate`).
 3. If the gate passes and every estimate meets the tolerance, or the cap of steps is reached: end.
 4. If the run will take more than `_LONG` times its steps so far: restart, and go to 2.
 5. Otherwise set the goal of the next round by the errors so far, and go to 2.
@@ -19,25 +19,39 @@ So a run takes at most its warm-up and 1 + `_MOST_RESTARTS` times the cap.
 
 Points are (E, W, d) and kept positions (E, T, W, d): ensembles E, positions T, walkers W of each
 ensemble, coordinates d. A step moves every walker once.
+
+What a run holds in memory is bounded. When that is full and has settled, it is closed as a part of
+the run, and the estimates are means over parts.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import platform
+import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.chain import Chain, Memory, Task
-from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
-from percept.inference.sampling.moves import Target, Transported
+from percept.inference.sampling.gate import (
+    Estimands,
+    Measured,
+    Progress,
+    Run,
+    Settings,
+    Travel,
+    measure,
+    pass_gate,
+)
+from percept.inference.sampling.moves import Ensembles, Target, Transported
 from percept.inference.sampling.transport import Transport
 from percept.inference.sampling.warmup import starting_points, warm_up
 
-__all__ = ["sample"]
+__all__ = ["Memory", "sample"]
 
 Array = NDArray[np.float64]
 
@@ -63,6 +77,241 @@ _MMAP_THRESHOLD = -3
 _KEPT_BYTES = 1 << 28
 #: Value of the second, 32 MiB: the most that glibc allows.
 _LARGEST_ARRAY_BYTES = 1 << 25
+#: Steps before any are kept.
+_BURN_IN = 40
+#: Steps of the first round. The gate wants 10 autocorrelation times and runs aim at 12: these are
+#: 12 of a time of 12 steps. The published study takes 10. A restart then fits its transport to
+#: 12,000 kept draws.
+_FIRST_ROUND = 144
+#: Steps after which positions are mapped and progress is reported.
+_SEGMENT = 96
+#: Steps aimed at over those the error predicts: a prediction that falls short costs a round.
+_MARGIN = 1.1
+#: Most that one round multiplies the length of a run: early errors predict badly.
+_MOST_GROWTH = 2.0
+
+
+@dataclass(frozen=True)
+class Memory:
+    """How much of a run is held at once."""
+
+    draws: int = 1 << 17  # Kept draws of a part, over all ensembles
+    numbers: int = 1 << 25  # Numbers worked out from them, 256 MiB; two parts are held
+    #: Positions of a part, at least: fewer could not span the autocorrelation times the gate needs.
+    fewest_positions: int = 32
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a run is asked for."""
+
+    estimands: Estimands
+    settings: Settings
+    memory: Memory = Memory()
+    progress: Callable[[Progress], None] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Closed:
+    """The parts of a run that are closed."""
+
+    run: Run  # With the estimates of all of them
+    steps: int  # Steps they span
+
+
+class Chain:
+    """The walkers of a task, and their kept positions."""
+
+    def __init__(
+        self,
+        task: Task,
+        transported: Transported,
+        points: Array,
+        seed: np.random.SeedSequence,
+        stride: int,
+    ) -> None:
+        """Burn in from starting points (E, W, d) in the coordinates of `transported`."""
+        self._task = task
+        self._transported = transported
+        self._stride = stride
+        self._began = time.monotonic()
+        self._walkers = Ensembles(transported, points, seed)
+        self._walkers.advance(_BURN_IN, _BURN_IN)
+        self._points: list[Array] = []  # each (E, T, W, d)
+        self._components: list[Array] = []  # each (E, T, W, C)
+        self._closed: _Closed | None = None
+        self._most_positions = self._positions_in_memory(points)
+        # Steps that the current part is to span.
+        self._goal = min(_FIRST_ROUND, self._most_positions * stride)
+        self._expected: float = _BURN_IN + _FIRST_ROUND
+        self._error = math.nan
+
+    def _positions_in_memory(self, points: Array) -> int:
+        """Positions of all walkers that a part has room for."""
+        ensembles, walkers, dimension = points.shape
+        memory = self._task.memory
+        point = self._transported.map(points[0, :1])
+        components = self._task.estimands.components(point).shape[-1]
+        # A component needs room for its values and for about two influence functions.
+        room = memory.numbers // (dimension + 3 * components)
+        draws = min(memory.draws, room)
+        return max(draws // (ensembles * walkers), memory.fewest_positions)
+
+    @property
+    def _length(self) -> int:
+        """Kept positions of the current part."""
+        return sum(points.shape[1] for points in self._points)
+
+    @property
+    def _full(self) -> bool:
+        """Whether the current part has no room left."""
+        return self._length >= self._most_positions
+
+    @property
+    def _steps(self) -> int:
+        """Steps the kept positions of the current part span."""
+        return self._length * self._stride
+
+    @property
+    def _closed_steps(self) -> int:
+        """Steps the closed parts span."""
+        return self._closed.steps if self._closed else 0
+
+    @property
+    def _steps_left(self) -> int:
+        """Steps until the run ends, whatever its error."""
+        return self._task.settings.most_steps - self._walkers.steps
+
+    @property
+    def spanned(self) -> int:
+        """Steps all parts span."""
+        return self._closed_steps + self._steps
+
+    def extend(self) -> None:
+        """Run every ensemble up to the goal, and keep what is needed."""
+        while self._steps < self._goal:
+            self._tell()
+            wanted = min(_SEGMENT, self._goal - self._steps)
+            steps = math.ceil(wanted / self._stride) * self._stride
+            walked = self._walkers.advance(steps, self._stride)
+            # In one order in memory: the last bits of sums depend on it.
+            flat = walked.reshape(-1, walked.shape[-1])
+            mapped = np.ascontiguousarray(self._transported.map(flat))
+            components = self._task.estimands.components(mapped)
+            components = np.ascontiguousarray(components)
+            self._points.append(mapped.reshape(walked.shape))
+            self._components.append(components.reshape(*walked.shape[:3], -1))
+
+    def _tell(self) -> None:
+        """Report progress. The clock serves this alone."""
+        if self._task.progress is None:
+            return
+        steps = self._walkers.steps
+        seconds_per_step = (time.monotonic() - self._began) / steps
+        state = Progress(
+            steps,
+            expected_steps=math.ceil(max(self._expected, steps)),
+            worst_error=self._error,
+            tolerance=self._task.settings.tolerance,
+            seconds_left=seconds_per_step * max(self._expected - steps, 0.0),
+        )
+        self._task.progress(state)
+
+    def judge(self) -> Run:
+        """Estimate, measure and pass the gate or not."""
+        points = np.concatenate(self._points, axis=1)
+        components = np.concatenate(self._components, axis=1)
+        self._points = [points]
+        self._components = [components]
+        measured = measure(self._task.estimands, components)
+        if self._closed:
+            measured = self._averaged(measured, self._closed)
+        run = Run(
+            points=points,
+            components=components,
+            estimates=measured.estimates,
+            errors=measured.errors,
+            autocorrelation_times=measured.autocorrelation_times * self._stride,
+            gate=pass_gate(self._task.settings, measured, self._travel(points)),
+            steps=self._walkers.steps,
+            stride=self._stride,
+            settings=self._task.settings,
+        )
+        if self._closed:
+            first = self._closed.run
+            run = replace(
+                run, points=first.points, components=first.components, stride=first.stride
+            )
+        self._error = run.gate.worst_error
+        self._expected = self._walkers.steps - self.spanned + self.steps_needed(run)
+        self._tell()
+        return run
+
+    def _travel(self, points: Array) -> Travel:
+        """Summarise how the walkers moved, from kept positions (E, T, W, d) of the current part."""
+        half = points.shape[1] // 2
+        second_half = points[:, half:, :, 0]
+        return Travel(
+            acceptance=self._walkers.accepted / self._walkers.steps,
+            moved=np.ptp(second_half, axis=1) > 0,
+            length=self._length,
+            stride=self._stride,
+            spanned=self.spanned,
+        )
+
+    def _averaged(self, part: Measured, closed: _Closed) -> Measured:
+        """Average with the closed parts' estimates, by steps; errors add as for independent parts.
+
+        It costs a bias of the order of a part's squared Monte Carlo error.
+        """
+        share = self._steps / self.spanned
+        before = closed.run.estimates.value
+        value = before + share * (part.estimates.value - before)
+        errors_before = (1.0 - share) * closed.run.errors
+        errors = np.hypot(errors_before, share * part.errors)
+        estimates = replace(part.estimates, value=value)
+        return replace(part, estimates=estimates, errors=errors)
+
+    def at_its_end(self, run: Run) -> bool:
+        """Whether no steps are left, or too few to judge another part by."""
+        if not self._full:
+            return self._steps_left < 1
+        # A last part too short to settle would take the verdict from the parts before it.
+        shortest = self._task.memory.fewest_positions * self._stride
+        if run.gate.passed:
+            shortest = max(shortest, run.steps_to_settle)
+        return self._steps_left < shortest
+
+    def go_on(self, run: Run) -> None:
+        """Make room where memory is or will be full, and set the next goal."""
+        needed = max(self.steps_needed(run), _MARGIN * self.spanned)
+        needed = math.ceil(min(needed, _MOST_GROWTH * self.spanned))
+        self._make_room(run)
+        wanted = max(needed - self._closed_steps, run.steps_to_settle)
+        most = self._most_positions * self._stride
+        self._goal = min(wanted, most, self._steps + self._steps_left)
+
+    def _make_room(self, run: Run) -> None:
+        """Close a full part that has settled; thin one that will be full before it has."""
+        if run.gate.passed and self._full:
+            self._closed = _Closed(run, self.spanned)
+            self._points = []
+            self._components = []
+        elif not run.gate.passed:
+            while self._full or run.steps_to_settle > self._most_positions * self._stride:
+                # Every second position stays, in one order in memory: sums depend on it.
+                (points,) = self._points
+                (components,) = self._components
+                self._points = [np.ascontiguousarray(points[:, 1::2])]
+                self._components = [np.ascontiguousarray(components[:, 1::2])]
+                self._stride *= 2
+
+    def steps_needed(self, run: Run) -> int:
+        """Predict the steps the run must span to settle and to be accurate enough."""
+        ratio = run.gate.worst_error / self._task.settings.tolerance
+        growth = ratio * ratio * _MARGIN if math.isfinite(ratio) else _MOST_GROWTH
+        settled = self._closed_steps + run.steps_to_settle
+        return max(math.ceil(growth * self.spanned), settled)
 
 
 def sample(

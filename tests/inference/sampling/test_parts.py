@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.inference.sampling.chain import Memory
 from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.run import sample
+from percept.inference.sampling.run import Memory, sample
 from tests import LONG
 from tests.inference.sampling.targets import Means, Normal, SkewedHeavy
 
