@@ -11,14 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special
 
-__all__ = [
-    "autocorrelation_time",
-    "monte_carlo_error",
-    "normal_scores",
-    "split_rhat",
-    "thin_walkers",
-]
-
 Array = NDArray[np.float64]
 
 #: Sokal's window, in autocorrelation times.

@@ -35,14 +35,6 @@ from scipy.interpolate import CubicHermiteSpline
 
 from percept.searches import root
 
-__all__ = [
-    "batch_errors",
-    "mixture_limits",
-    "mixture_quantile",
-    "share_content",
-    "share_half_width",
-]
-
 Array = NDArray[np.float64]
 
 _SQRT_2PI = math.sqrt(2.0 * math.pi)

@@ -27,19 +27,6 @@ from percept.inference.sampling.diagnostics import (
     thin_walkers,
 )
 
-__all__ = [
-    "Estimands",
-    "Estimates",
-    "Gate",
-    "Measured",
-    "Progress",
-    "Run",
-    "Settings",
-    "Travel",
-    "measure",
-    "pass_gate",
-]
-
 Array = NDArray[np.float64]
 
 #: Fewest walkers of an ensemble. Autocorrelations are averaged over them: see `_TIMES_NEEDED`.

@@ -42,17 +42,6 @@ import emcee  # noqa: E402
 if _is_missing:
     del sys.modules["scipy.stats"]
 
-__all__ = [
-    "Ensembles",
-    "IndependentMove",
-    "PCNMove",
-    "ReferenceLaw",
-    "Target",
-    "Transported",
-    "describe_point",
-    "standard_moves",
-]
-
 Array = NDArray[np.float64]
 
 #: Tails a little heavier than normal: a proposal must not miss what the transport did. There are as

@@ -51,8 +51,6 @@ from percept.inference.sampling.moves import Ensembles, Target, Transported
 from percept.inference.sampling.transport import Transport
 from percept.inference.sampling.warmup import starting_points, warm_up
 
-__all__ = ["Memory", "sample"]
-
 Array = NDArray[np.float64]
 
 #: Times a run may restart. Each time its walkers double.

@@ -28,8 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-__all__ = ["Transport"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

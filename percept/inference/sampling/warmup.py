@@ -40,8 +40,6 @@ from percept.inference.sampling.moves import (
 )
 from percept.inference.sampling.transport import Transport
 
-__all__ = ["Affine", "find_mode", "starting_points", "warm_up"]
-
 Array = NDArray[np.float64]
 
 #: Times that weighted draws refine the linear map. From 1 to 6 a fit takes times that differ no
