@@ -402,12 +402,15 @@ class ReadOptions(DataTables):
     def require(self, scene: DataTables) -> None:
         """Refuse a scene whose tables on data the files were not read with."""
         groups = self.sessions.groups
+        sessions = scene.sessions
+        # Commands keep further groups.
+        if set(sessions.groups) <= set(groups):
+            sessions = sessions.model_copy(update={"groups": groups})
         asked = {
             "quantities": scene.quantities,
             "columns": scene.columns,
             "environments": scene.environments,
-            # Commands keep further groups.
-            "sessions": scene.sessions.model_copy(update={"groups": groups}),
+            "sessions": sessions,
         }
         lacking = [
             f"[{name}]"
