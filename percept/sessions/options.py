@@ -402,21 +402,14 @@ class ReadOptions(DataTables):
     def require(self, scene: DataTables) -> None:
         """Refuse a scene whose tables on data the files were not read with."""
         groups = self.sessions.groups
-        sessions = scene.sessions
-        # Commands keep further groups.
-        if set(sessions.groups) <= set(groups):
-            sessions = sessions.model_copy(update={"groups": groups})
-        asked = {
-            "quantities": scene.quantities,
-            "columns": scene.columns,
-            "environments": scene.environments,
-            "sessions": sessions,
-        }
-        lacking = [
-            f"[{name}]"
-            for name, table in asked.items()
-            if table and table not in (getattr(self, name), SessionsTable(groups=groups))
-        ]
+        lacking = []
+        for name in ("quantities", "columns", "environments", "sessions"):
+            table = getattr(scene, name)
+            # Commands keep further groups.
+            if name == "sessions" and set(table.groups) <= set(groups):
+                table = table.model_copy(update={"groups": groups})
+            if table and table not in (getattr(self, name), SessionsTable(groups=groups)):
+                lacking.append(f"[{name}]")
         if lacking:
             message = f"the sessions were read without {' and '.join(lacking)} of the scene."
             hint = "Read them with it: read_sessions(files, scene=scene)."

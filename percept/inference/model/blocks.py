@@ -84,15 +84,6 @@ class Block:
         cross = v * self.slope
         return [v, cross, self.variances[1] + cross * self.slope]
 
-    def precision_entries(self) -> list[Array]:
-        """Distinct entries of the inverse."""
-        of_first = 1.0 / self.variances[0]
-        if self.slope is None:
-            return [of_first]
-        of_second = 1.0 / self.variances[1]
-        cross = -of_second * self.slope
-        return [of_first - cross * self.slope, cross, of_second]
-
     def solve(self, r: Vector) -> Vector:
         """Return the inverse times a vector."""
         inverses = [1.0 / variance for variance in self.variances]
