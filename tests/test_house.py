@@ -17,11 +17,11 @@ ROOT = Path(percept.__file__).parent
 MODULES = sorted(ROOT.rglob("*.py"))
 
 #: Code tokens in all: what is new is paid for by what it makes dead. Packing does not help.
-MOST_TOKENS = 234_650
+MOST_TOKENS = 234_600
 #: The same of what makes the pages of `reports`.
 MOST_TOKENS_OF_REPORTS = 38_000
 #: The same of the tests.
-MOST_TOKENS_OF_TESTS = 210_200
+MOST_TOKENS_OF_TESTS = 210_000
 #: Tokens on a code line, and in a statement; well-read libraries have 6 to 9, and 10 to 12.
 MOST_TOKENS_PER_LINE = 8.7
 MOST_TOKENS_PER_LINE_OF_A_FOLDER = 9.5
