@@ -131,7 +131,7 @@ def feels_real(
     draws : sequence of int
         Numbers of draws after which the verdict may be clear.
     brief : bool
-        Whether the probability is all that is wanted: not the least probable omega between
+        Whether to find the probability alone: not the least probable omega between
         frequencies, nor the probability against other central shares.
 
     Returns

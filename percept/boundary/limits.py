@@ -10,7 +10,7 @@ straight line over the other. `ball` gives the probability and its slope in log 
 Points that stand for the law give the rest, each with its curve of log abs(Z_h). A curve's farthest
 score is the largest that it has at any frequency: limits hold whole curves with the probability of
 all points whose farthest score is smaller. Points on devices of a posterior, each on another one,
-average over devices: limits move by as much as those of the same points do.
+average over devices: the limits of the law move by as much as the limits of these points.
 
 The Monte Carlo error of a limit is that of the posterior draws behind the law. Batch i of the draws
 puts dP_i more into the ball, which moves the limit by dP_i / phi(s) scores; the slope of the limit

@@ -157,7 +157,7 @@ def _report_again(arguments: argparse.Namespace) -> int:
 
 
 def _is_line_alone(arguments: argparse.Namespace) -> bool:
-    """Say whether only the one-line answer is wanted; no page is written then."""
+    """Say whether to print the one-line answer alone, and write no page."""
     return arguments.short and arguments.out is None and not arguments.open
 
 

@@ -1,3 +1,1 @@
 """Classical inference on the average user, the next one and a share of all users."""
-
-__all__ = ()

@@ -40,7 +40,7 @@ Axis = tuple[str, Sequence[str]]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
-#: Symbols of scales: the first for the term that enters all cells alike, the second for factors,
+#: Symbols of scales: the first for the term that all cells share, the second for factors,
 #: which add their name.
 _SYMBOLS_OF_LEVEL = {"sigma": "sigma_u", "rho": "rho_u", "tau": "tau"}
 _SYMBOLS_OF_FACTOR = {"sigma": "sigma_v", "rho": "rho_v", "tau": "tau"}

@@ -1,3 +1,1 @@
 """Sampling a density with emcee until every reported endpoint is as accurate as was asked."""
-
-__all__ = ()

@@ -73,8 +73,10 @@ def monte_carlo_error(influence: Array) -> Array:
     ndarray
         Shape (Q,).
     """
-    of_walkers = influence.mean(axis=1).reshape(-1, influence.shape[-1])
-    return np.asarray(of_walkers.std(axis=0, ddof=1) / math.sqrt(len(of_walkers)))
+    means = influence.mean(axis=1)
+    means = means.reshape(-1, means.shape[-1])
+    scatter = means.std(axis=0, ddof=1)
+    return np.asarray(scatter / math.sqrt(len(means)))
 
 
 def split_rhat(chains: Array, method: str) -> Array:
@@ -98,15 +100,20 @@ def split_rhat(chains: Array, method: str) -> Array:
     halves = np.concatenate([chains[:, :half], chains[:, -half:]])
     if method == "split":
         return _rhat(halves)
-    distances = np.abs(halves - np.median(halves, axis=(0, 1)))
-    return np.maximum(_rhat(normal_scores(halves)), _rhat(normal_scores(distances)))
+    median = np.median(halves, axis=(0, 1))
+    distances = np.abs(halves - median)
+    of_places = _rhat(normal_scores(halves))
+    of_distances = _rhat(normal_scores(distances))
+    return np.maximum(of_places, of_distances)
 
 
 def _rhat(chains: Array) -> Array:
     """Compare the means of chains (M, N, V) with what varies in them."""
     length = chains.shape[1]
-    within = chains.var(axis=1, ddof=1).mean(axis=0)
-    between = chains.mean(axis=1).var(axis=0, ddof=1)
+    variances = chains.var(axis=1, ddof=1)
+    within = variances.mean(axis=0)
+    means = chains.mean(axis=1)
+    between = means.var(axis=0, ddof=1)
     # Chains that are constants divide by zero.
     with np.errstate(invalid="ignore", divide="ignore"):
         found = np.sqrt(between / within + (length - 1) / length)
@@ -124,8 +131,11 @@ def normal_scores(values: Array) -> Array:
     scores = np.empty_like(rows)
     for q, column in enumerate(rows.T):
         _, place, count = np.unique(column, return_inverse=True, return_counts=True)
+        # Of each distinct value: the mean rank of all draws that have it.
         rank = np.cumsum(count) - 0.5 * (count - 1)
-        scores[:, q] = special.ndtri((rank - 0.375) / (len(rows) + 0.25))[place]
+        share = (rank - 0.375) / (len(rows) + 0.25)
+        score = special.ndtri(share)
+        scores[:, q] = score[place]
     return scores.reshape(values.shape)
 
 

@@ -62,7 +62,7 @@ _LONG = 3.0
 #: Walkers of an ensemble: the gate's fewest, over whom it averages autocorrelations.
 _WALKERS = 64
 #: Steps between kept positions. Keeping and judging a position takes as long as a few steps. At a
-#: time of 7 to 30 steps, as measured on the studies in tests/golden, neighbours are much alike.
+#: time of 7 to 30 steps, as measured on the studies in tests/golden, neighbours differ little.
 _STRIDE = 3
 #: The same after a restart, whose walkers are many and whose run is long: half the positions do.
 _RESTART_STRIDE = 6

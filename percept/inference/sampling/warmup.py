@@ -72,7 +72,7 @@ _LEAST_POWER = 1e-6
 _RUNS = (48, 80)
 #: Steps at their start that are left out: walkers start from tempered weights.
 _SKIPPED = 16
-#: Steps between kept positions; neighbours are too much alike to count twice.
+#: Steps between kept positions; neighbours differ too little to count twice.
 _STRIDE = 2
 #: Ridge on a covariance, of its mean variance, that lets a thin sample be factored.
 _RIDGE = 1e-10
