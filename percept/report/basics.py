@@ -23,8 +23,6 @@ METHODS = ("classical", "bayesian")
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 #: Joint treatments that the page shows: k and b each at the level asked for, or drawn together.
 _UNWIDENED = ("marginal", "joint")
-#: Environments that stand open and in figures; tables have all of more.
-MOST_SHOWN = 10
 
 
 def makes_impedance(results: Results) -> bool:
@@ -37,10 +35,11 @@ def gives_means(results: Results) -> bool:
     return not any(quantity.is_matched for quantity in results.data.quantities.values())
 
 
-def is_relative(intervals: Iterable[IntervalRow], parameter: str) -> bool:
-    """Say whether all references are positive, so that a bias is a fraction of its reference."""
-    rows = matching(intervals, parameter=parameter)
-    return all(row.reference is None or row.reference > 0 for row in rows)
+def without_ratios(intervals: Iterable[IntervalRow]) -> set[str]:
+    """Return parameters with a reference of zero or below: their bias is no fraction of it."""
+    return {
+        row.parameter for row in intervals if row.reference is not None and not row.reference > 0
+    }
 
 
 def title_of(results: Results) -> str:

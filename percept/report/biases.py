@@ -12,19 +12,18 @@ from percept.report.basics import (
     METHOD_NAMES,
     METHODS,
     MOST_NAMED,
-    MOST_SHOWN,
     Estimated,
     distinct,
     families_from,
     family_of,
     first,
-    is_relative,
     listed,
     matching,
     present,
     unwidened,
+    without_ratios,
 )
-from percept.results import IntervalRow, Results
+from percept.results import MOST_SHOWN, IntervalRow, Results
 from percept.sessions.quantities import Quantity
 
 #: An interval from below a hundredth to above a hundred references says nothing.
@@ -84,13 +83,18 @@ def biases_among(
 ) -> list[Bias]:
     """Return a bias for each environment and quantity that has one, in the first family."""
     biases = []
+    absolute = without_ratios(rows)
+    by_cell: dict[tuple[str, str], list[IntervalRow]] = {}
+    for one in rows:
+        by_cell.setdefault((one.environment, one.parameter), []).append(one)
     for name in distinct(rows, "environment"):
         for parameter, quantity in quantities.items():
-            of_cell = matching(rows, environment=name, parameter=parameter)
+            of_cell = by_cell.get((name, parameter), [])
             row = first(of_cell, method=methods, family=families)
             if row is not None and row.reference is not None:
-                style = "difference" if quantity.is_matched else "plain"
-                style = "bias" if is_relative(rows, parameter) else style
+                style = "bias"
+                if parameter in absolute:
+                    style = "difference" if quantity.is_matched else "plain"
                 biases.append(_bias(row, row.reference, style))
     return biases
 
@@ -125,7 +129,7 @@ def drawn_said(results: Results) -> str:
     if shown == every:
         return ""
     environments = results.data.words.environments
-    return f"The first {shown} of {every} {environments} are drawn; the tables hold all."
+    return f"Figures, curves and couplings are of the first {shown} of {every} {environments}."
 
 
 def bias_sentences(results: Results) -> list[str]:

@@ -8,7 +8,6 @@ from typing import Any
 from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.basics import (
-    MOST_SHOWN,
     NOTHING,
     Cell,
     Columns,
@@ -32,6 +31,7 @@ from percept.report.biases import foremost
 from percept.report.decisions import RENDERED, judged_verdicts
 from percept.report.overview import misfits
 from percept.results import (
+    MOST_SHOWN,
     IntervalWithout,
     LeftOut,
     LeftOutRow,

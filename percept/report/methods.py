@@ -18,7 +18,6 @@ from percept.report.basics import (
     distinct,
     family_of,
     gives_means,
-    is_relative,
     listed,
     makes_impedance,
     matching,
@@ -26,6 +25,7 @@ from percept.report.basics import (
     possessive,
     present,
     short,
+    without_ratios,
 )
 from percept.results import Results
 
@@ -156,9 +156,10 @@ def _fitted(results: Results) -> Iterator[str]:
     if "classical" in used:
         named = listed([_CLASSICAL[kind].format(words.user) for kind in kinds])
         families = {"normal"}
+        absolute = without_ratios(results.intervals)
         for row in matching(results.intervals, method="classical"):
             # Lognormal limits of what has references of zero are in the tables alone.
-            if is_relative(results.intervals, row.parameter):
+            if row.parameter not in absolute:
                 families.add(row.family)
         design = results.data.design
         repeats = ""
@@ -330,9 +331,10 @@ def _scaled(results: Results) -> str:
     """Say in what the responses of the normal family are measured."""
     scales = results.provenance.scene["model"]["scale"]
     parts = []
+    absolute = without_ratios(results.intervals)
     for name, quantity in results.data.quantities.items():
         size = quantity.amount(scales[name]) if name in scales else "its unit"
-        if is_relative(results.intervals, name):
+        if name not in absolute:
             size = "the reference"
         parts.append(f"{quantity.label} over {size}")
     return listed(parts)
@@ -375,7 +377,8 @@ def _trend(results: Results) -> str:
     """Say what joins the biases: no reference of zero or below has a logarithm."""
     trend = "a regression of bias on the logarithm of the reference"
     quantities = results.data.quantities
-    relative = [q.label for name, q in quantities.items() if is_relative(results.intervals, name)]
+    absolute = without_ratios(results.intervals)
+    relative = [quantity.label for name, quantity in quantities.items() if name not in absolute]
     if len(relative) == len(quantities):
         return trend
     return f"{trend} ({listed(relative)}) or a common bias" if relative else "a common bias"

@@ -13,7 +13,6 @@ from percept.inference.record import percent
 from percept.report.adjustments import contrast_sentences, level_figures
 from percept.report.basics import (
     METHOD_NAMES,
-    MOST_SHOWN,
     NOTHING,
     Cell,
     Columns,
@@ -45,7 +44,7 @@ from percept.report.decisions import (
 )
 from percept.report.display import centrals
 from percept.report.methods import who_gave_what
-from percept.results import Findings, IntervalRow, Results
+from percept.results import MOST_SHOWN, Findings, IntervalRow, Results
 
 _MOST_SENTENCES = 3
 

@@ -22,6 +22,7 @@ from percept.results.data import (
     Words,
 )
 from percept.results.display import (
+    MOST_SHOWN,
     AdmissibleCouplings,
     Array,
     Band,
@@ -79,6 +80,7 @@ from percept.results.results import (
 )
 
 __all__ = [
+    "MOST_SHOWN",
     "SCHEMA",
     "AdmissibleCouplings",
     "AnovaRow",

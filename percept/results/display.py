@@ -16,6 +16,8 @@ from percept.results.data import Note
 Shape: TypeAlias = Literal["corner", "envelope", "pointwise", "simultaneous"]
 Feeling: TypeAlias = Literal["feels real", "does not", "too little data"]
 Inside: TypeAlias = Literal["inside", "marginal", "outside"]
+#: Environments that a page draws, with their curves and couplings; its tables hold more.
+MOST_SHOWN = 10
 #: Whether a device renders with every passive hand.
 Rendering: TypeAlias = Literal["can", "cannot", "undecided"]
 

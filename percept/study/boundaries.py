@@ -165,12 +165,12 @@ class BoundaryDrawing:
 
     @property
     def skipped(self) -> list[Skipped]:
-        """Curves of laws that are not drawn, and why."""
+        """Curves of laws that were asked for and are not drawn, and why."""
         return [
-            Skipped(_law_name(law, shape), self._curves(law).refused[shape])
-            for law in self._laws
+            Skipped(_law_name(law, shape), curves.refused[shape])
+            for law, curves in self._curves_on_grid.items()
             for shape in _LAW_SHAPES
-            if shape in self._curves(law).refused
+            if shape in curves.refused
         ]
 
     def _own_frame(self, environment: str) -> _Frame:

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 
 from percept import haptics
 from percept.boundary.shares import Users
-from percept.errors import RefusalError
+from percept.errors import RefusalError, counted
 from percept.haptics.records import AnyDevice
 from percept.results import (
+    MOST_SHOWN,
     AdmissibleCouplings,
     Band,
     BandPair,
@@ -71,6 +72,11 @@ class Displayed(Inferred):
         return self._kept("with_reference", referenced(self.data))
 
     @property
+    def _shown(self) -> tuple[str, ...]:
+        """Environments with curves and maps in results."""
+        return self.with_reference[:MOST_SHOWN]
+
+    @property
     def setup(self) -> Setup | None:
         """Device, coupling and references of curves; None without device or reference."""
         found = self._device_and_coupling
@@ -110,8 +116,11 @@ class Displayed(Inferred):
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
-        """Boundaries of abs(Z_h) over the scene's frequencies; empty without device, k or b."""
-        return self.boundaries_at(None)
+        """Boundaries of abs(Z_h) over the scene's frequencies; empty without device, k or b.
+
+        Of many environments they are of the first, as maps are; `boundaries_at` draws any.
+        """
+        return self.boundaries_at(None, self._shown)
 
     def boundaries_at(
         self,
@@ -151,7 +160,7 @@ class Displayed(Inferred):
     @property
     def zoom(self) -> dict[str, tuple[float, float]]:
         """Windows of the environments that have boundaries."""
-        drawn = {boundary.environment for boundary in self.boundaries}
+        drawn = self.with_reference if self._drawing is not None else ()
         return {name: window for name, window in self.zoom_windows.items() if name in drawn}
 
     @cached_property
@@ -228,8 +237,9 @@ class Displayed(Inferred):
     def map_users(self) -> MapUsers:
         """Draws of users behind maps: posterior ones, else fiducial ones of subjects."""
         if self.users or self.setup is None or self.data.asked.method == "bayesian":
-            return MapUsers(self.users, "bayesian")
-        known = [(name, self.subjects.get(name)) for name in self.setup.references]
+            draws = {name: self.users[name] for name in self._shown if name in self.users}
+            return MapUsers(draws, "bayesian")
+        known = [(name, self.subjects.get(name)) for name in self._shown]
         draws = {name: found.users for name, found in known if found and found.users}
         return MapUsers(draws, "classical")
 
@@ -269,8 +279,11 @@ class Displayed(Inferred):
 
     @cached_property
     def without_maps(self) -> tuple[object, ...]:
-        """Note why there is no map of couplings, or of devices."""
+        """Note why there is no map of couplings, or of devices, and which there are."""
         found: list[Skipped | None] = []
+        if others := len(self.with_reference) - len(self._shown):
+            what = f"curves and couplings of {counted(others, 'more environment')}"
+            found.append(Skipped(what, "Study.boundaries_at draws curves of any"))
         if self.setup is not None:
             found.append(no_other_devices(self.setup, self.map_users))
             if self.setup.coupling is not None:

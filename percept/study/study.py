@@ -122,7 +122,8 @@ class Study(Displayed):
     @property
     def skipped_rows(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
-        curves = self._drawing.skipped if self._drawing is not None else []
+        # What is not drawn is noted when boundaries are.
+        curves = self._drawing.skipped if self.boundaries and self._drawing else []
         return (*self.skipped_before_curves, *curves)
 
     @property

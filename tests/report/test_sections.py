@@ -189,7 +189,7 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     ]
     results = as_results(document)
     by_name = {drawing.name: drawing for drawing in drawings(results)}
-    said = "The first 10 of 60 environments are drawn; the tables hold all."
+    said = "Figures, curves and couplings are of the first 10 of 60 environments."
     figure = Figure(figsize=(7.0, 7.0), layout="constrained")
     by_name["overview"].draw(figure)
     assert len(figure.axes[0].get_yticklabels()) == 10
