@@ -27,14 +27,15 @@ from percept.inference.model.model import LinearModel
 from percept.inference.model.predictions import SubjectLaws, subject_laws
 from percept.inference.model.trials import trial_scatter
 
-__all__ = ["LeftOut", "SubjectDensity"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _LOG_2PI = math.log(2.0 * math.pi)
 #: Numbers in the largest temporary of a batch of draws.
 _BATCH = 1 << 20
+#: Draws times cells of subjects that leaving out rests on, at most; and draws that weights need.
+_MOST_NUMBERS = 1 << 20
+_FEWEST_DRAWS = 500
 #: Smallest eigenvalue of K, which is 1 - 1/N or so, that is not rounding.
 _LEAST_EIGENVALUE = 1e-12
 
@@ -101,6 +102,15 @@ class SubjectDensity:
         for start in range(0, len(points), step):
             cut = slice(start, min(start + step, len(points)))
             yield cut, subject_laws(self.density, points[cut])
+
+    @property
+    def most_draws(self) -> int:
+        """Draws that leaving subjects out is to rest on: fewer of large studies."""
+        return max(_MOST_NUMBERS // self._means.size, _FEWEST_DRAWS)
+
+    def log_density(self, points: Array) -> Array:
+        """Log density of each subject's trials given the others', at draws (S, d): (S, N)."""
+        return np.concatenate([self.left_out(laws).log_density for _, laws in self.batches(points)])
 
     def left_out(self, laws: SubjectLaws) -> LeftOut:
         """Predict each subject's data from W sets of scales and the other subjects' data."""

@@ -14,21 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError
 from percept.inference.left_out import SubjectDensity
 from percept.searches import root
-
-__all__ = [
-    "STATISTICS",
-    "Loo",
-    "Predicted",
-    "intervals_left_out",
-    "leave_one_out",
-    "new_studies",
-    "predict_left_out",
-    "smoothed_subjects",
-    "statistics_of",
-]
 
 Array = NDArray[np.float64]
 #: Names of the rows that `statistics_of` returns.
@@ -37,8 +25,6 @@ STATISTICS = ("mean", "sd", "farthest")
 _WORST_INDEX = 0.7
 #: Largest product of the last two steps to a mixture's quantile, in its SDs: see `root`.
 _STEP_PRODUCT = 1e-5
-#: Draws times subjects that are held at once; more subjects are judged by fewer draws.
-_MOST = 1 << 20
 
 
 def new_studies(
@@ -100,9 +86,8 @@ def statistics_of(cell_means: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Loo:
-    """Expected log predictive density of a new subject, from N subjects left out in turn."""
+    """Draws reweighted as if each of N subjects were left out in turn."""
 
-    pointwise: Array  # (N,)
     pareto_k: Array  # (N,) Tail index of the importance weights of leaving the subject out
     good_k: float  # Index up to which such weights can be trusted, with this many draws
     points: Array  # (S, d) Draws that were reweighted
@@ -120,17 +105,12 @@ class Predicted:
 
     below: Array  # (N, P, J) Predictive probability of a cell mean below the subject's own
     farther: Array  # (N,) Predictive probability of lying as far off or farther, all cells together
-    location: Array  # (S, N, P, J) Means of the locations without each subject, at S of the draws
+    location: Array  # (S, N, P, J) Means of the locations without each subject, at S draws
     location_sd: Array  # (S, N, P, J)
     weights: Array  # (S, N) Weights of these draws without each subject, with a sum of one
 
 
-def leave_one_out(
-    subjects: SubjectDensity,
-    points: Array,
-    *,
-    chains: int,
-) -> Loo:
+def leave_one_out(subjects: SubjectDensity, points: Array) -> Loo:
     """Leave each subject out by reweighting draws of the scales.
 
     The locations are integrated out of the weights, 1/p(y_i | scales, other subjects), so these
@@ -141,9 +121,7 @@ def leave_one_out(
     subjects : SubjectDensity
         Densities of the subjects' data.
     points : ndarray
-        Posterior draws, chain after chain, shape (S, d).
-    chains : int
-        Chains of equal length.
+        Posterior draws, shape (S, d); of a large study every so many-th serves.
 
     Returns
     -------
@@ -151,20 +129,11 @@ def leave_one_out(
 
     Raises
     ------
-    UsageError
-        Chains that are not of equal length.
     RefusalError
         A density that doubles cannot hold.
     """
-    if len(points) % chains:
-        raise UsageError(
-            f"{len(points)} draws do not make equal chains.", key="chains", value=chains
-        )
-    by_chain = points.reshape(chains, -1, points.shape[1])
-    gap = max(1, math.ceil(len(points) * subjects.subjects / _MOST))
-    kept = by_chain[:, ::gap].reshape(-1, points.shape[1])
-    batches = [subjects.left_out(laws).log_density for _, laws in subjects.batches(kept)]
-    log_density = np.concatenate(batches)
+    kept = points[:: math.ceil(len(points) / subjects.most_draws)]
+    log_density = subjects.log_density(kept)
     known = np.isfinite(log_density).all(axis=0)
     if not known.all():
         subject = subjects.density.statistics.subjects[int(np.argmin(known))]
@@ -197,7 +166,6 @@ def smoothed_subjects(log_density: Array, points: Array) -> Loo:
     log_weights, indices = array_stats.psislw(log_density, axis=0)
     log_weights = log_weights.T
     return Loo(
-        pointwise=special.logsumexp(log_weights + log_density, axis=0),
         pareto_k=indices,
         good_k=min(1.0 - 1.0 / math.log10(len(points)), _WORST_INDEX),
         points=points,
@@ -209,12 +177,8 @@ def predict_left_out(
     subjects: SubjectDensity,
     points: Array,
     weights: Array,
-    gap: int = 1,
 ) -> Predicted:
-    """Compare subjects with their prediction from the others: draws (S, d), weights (S, N).
-
-    Locations are kept of every `gap`-th draw.
-    """
+    """Compare subjects with their prediction from the others: draws (S, d), weights (S, N)."""
     below = np.zeros((subjects.subjects, subjects.parameters, subjects.environments))
     farther = np.zeros(subjects.subjects)
     locations = []
@@ -225,13 +189,9 @@ def predict_left_out(
         cdf = special.ndtr(left.standard)
         below += np.einsum("wi,wipj->ipj", weights[cut], cdf)
         farther += np.einsum("wi,wi->i", weights[cut], tail)
-        first = -cut.start % gap
-        locations.append(left.location[first::gap])
-        sds.append(left.location_sd[first::gap])
-    kept = weights[::gap]
-    return Predicted(
-        below, farther, np.concatenate(locations), np.concatenate(sds), kept / kept.sum(axis=0)
-    )
+        locations.append(left.location)
+        sds.append(left.location_sd)
+    return Predicted(below, farther, np.concatenate(locations), np.concatenate(sds), weights)
 
 
 def intervals_left_out(predicted: Predicted, level: float) -> tuple[Array, Array, Array]:

@@ -38,10 +38,6 @@ from percept.study.verdicts import MOST_DRAWS
 #: looked at.
 FALSE_ALARM = 0.05
 _REPLICATES = 4000
-#: Draws times subjects times cells that intervals without each subject rest on, at most, and the
-#: draws that they rest on whatever that takes.
-_MOST_NUMBERS = 1 << 19
-_FEWEST_DRAWS = 1000
 
 
 def model_checks(fit: Fit) -> Checks | Skipped:
@@ -50,10 +46,8 @@ def model_checks(fit: Fit) -> Checks | Skipped:
     if isinstance(subjects, Skipped):
         return subjects
     try:
-        loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
-        numbers = loo.weights.size * len(fit.column)
-        gap = max(1, min(numbers // _MOST_NUMBERS, len(loo.points) // _FEWEST_DRAWS))
-        predicted = predict_left_out(subjects, loo.points, loo.weights, gap)
+        loo = leave_one_out(subjects, fit.points)
+        predicted = predict_left_out(subjects, loo.points, loo.weights)
     except RefusalError as refused:
         return Skipped("checks of the hierarchical model", refused.message.rstrip("."))
     return Checks(
@@ -78,7 +72,7 @@ def _intervals_without(fit: Fit, loo: Loo, predicted: Predicted) -> Iterator[Int
 
 
 def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
-    """Weights of the draws of users without each subject, (S, N), by environment.
+    """Weights of the first S draws of users without each subject, (S, N), by environment.
 
     They are one over the density of the subject's data given scales, locations and the other
     subjects; NaN of subjects without whom they cannot be trusted. There are none of a model that
@@ -88,7 +82,8 @@ def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
     if isinstance(subjects, Skipped):
         return {}
     # The scales that the users were drawn with.
-    points = generator(fit.data.asked.seed, Stream.USERS).permutation(fit.points)[:MOST_DRAWS]
+    points = generator(fit.data.asked.seed, Stream.USERS).permutation(fit.points)
+    points = points[: min(MOST_DRAWS, subjects.most_draws)]
     left = [subjects.left_out(laws) for _, laws in subjects.batches(points)]
     location, sd, covariance, log_density = (
         np.concatenate([getattr(part, name) for part in left])
@@ -101,7 +96,7 @@ def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
     for j, environment in enumerate(fit.environments):
         cells = [fit.column[name, environment] for name in ("k", "b")]
         scale = fit.scale.at(cells)
-        drawn = users[environment].mean.T
+        drawn = users[environment].mean.T[: len(points)]
         responses = (drawn - scale.centre) / scale.unit
         of_all = _log_normal(responses - laws.mean[:, j], laws.location[:, j])
         without = np.empty((*covariance.shape[:2], 2, 2))

@@ -168,8 +168,7 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
     effects = draw_subject_effects(density, points, means, rng)
     if effects is not None:
         posterior["subject_effect"] = (("subject", "parameter"), effects)
-    left_out = [subjects.left_out(laws).log_density for _, laws in subjects.batches(points)]
-    groups["log_likelihood"] = {"left_out": (("subject",), np.concatenate(left_out))}
+    groups["log_likelihood"] = {"left_out": (("subject",), subjects.log_density(points))}
     studies = list(new_studies(subjects, points, rng))
     predicted["response"] = _observations(subjects, np.concatenate(studies))
     # Data are one draw of themselves.

@@ -191,8 +191,7 @@ def study_verdicts(
 ) -> Iterator[Verdict]:
     """Judge every reference, directly and through the coupling, at every ω of the scene's range.
 
-    `stable` says by environment, and whether through the coupling, if it can be rendered. `weights`
-    are those of the users' draws without each subject, (D, N), where they are known.
+    `stable` says what can be rendered, `weights` (D, N) weigh the first draws without each subject.
     """
     for environment in setup.references:
         of_users = users.get(environment)
@@ -215,7 +214,8 @@ def study_verdicts(
                 stable_and_real = _stable_and_real(setup, display, evidence, stable=is_stable)
                 if environment in weights:
                     by_draw = weights[environment][: evidence.draws]
-                    without_each = (evidence.real @ by_draw / by_draw.sum(axis=0)).tolist()
+                    real = evidence.real[: len(by_draw)]
+                    without_each = (real @ by_draw / by_draw.sum(axis=0)).tolist()
             if of_subjects is not None and scene.inference.method != "bayesian":
                 by_part, fiducial = _by_subjects(of_subjects, display, omega, scene)
             if evidence is not None or by_part is not None:

@@ -127,4 +127,4 @@ def test_one_subject_alone_with_next_to_no_scatter_is_refused():
     assert np.isnan(found.log_density[:, 0]).all()
     assert np.isnan(found.standard[:, 0]).all()
     with pytest.raises(RefusalError, match="S01 cannot be predicted from the others"):
-        leave_one_out(subjects, points, chains=4)
+        leave_one_out(subjects, points)
