@@ -1,33 +1,40 @@
 """What a study with factors compares, and each subject's numbers in the cells that it weighs.
 
 Levels of a factor are compared two by two; interactions compare such differences, and every level
-has a mean. A comparison weighs cells, and a cell is a reference at one level of every factor.
+has a mean. A contrast weighs cells: a cell is a reference at one level of every factor.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from percept.inference.classical.variability import log_sd
 from percept.results import Skipped
-from percept.sessions.records import Factors
+from percept.sessions import Sessions
 from percept.study.basics import Array
-from percept.study.conditions import CellKey, Conditions
+from percept.study.data import Data
 from percept.study.responses import Trials
 
-#: Signs of a contrast, by the levels of its factors.
-_Signs = dict[tuple[str, ...], float]
+#: What the references are called as a factor: the column of the sessions.
+ENVIRONMENT = "environment"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Comparison:
-    """A contrast of cells: two levels of a factor, or how such a contrast differs; or a slope."""
+def _none() -> Array:
+    """No weights."""
+    return np.zeros(0)
 
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Contrast:
+    """Two levels of a factor, or how such a difference differs; a level's mean; or a slope."""
+
+    parameter: str
     factor: str  # Its column; of an interaction all columns, joined by ":"
     first: str
     second: str
@@ -37,8 +44,12 @@ class Comparison:
     within: bool  # Whether each subject has all levels; of a slope, whether each has one
     environment: str | None = None  # None over all references
     references: tuple[str, ...] = ()  # Environments it rests on
-    weights: Mapping[CellKey, float] = dataclasses.field(default_factory=dict)  # None of a slope
+    #: (C,) Of the cells; none of a slope
+    weights: Array = dataclasses.field(default_factory=_none)
     groups: tuple[str, str] = ("", "")  # Levels of a factor between subjects that it compares
+    #: (R,) Of a model's locations, or of its cells' SDs
+    row: Array = dataclasses.field(default_factory=_none)
+    subjects: int = 0  # That it rests on in the model
 
     @property
     def versus(self) -> str:
@@ -46,9 +57,10 @@ class Comparison:
         return f"{self.second} against {self.first}"
 
     @property
-    def where(self) -> str:
-        """Its environment in words."""
-        return self.environment or "overall"
+    def name(self) -> tuple[str, str]:
+        """Its name among those of limits."""
+        where = self.environment or "overall"
+        return ("contrast", f"{self.parameter}, {self.factor}: {self.versus}, {where}")
 
     @property
     def is_ratio(self) -> bool:
@@ -61,114 +73,126 @@ class Comparison:
         return self.of == "level" or (self.within and self.of in ("bias", "interaction"))
 
 
-def comparisons(
-    conditions: Conditions,
-    factors: Factors,
-    cells: Sequence[CellKey],
-    label: str,
-    lacking: str = "data",
-) -> Iterator[Comparison | Skipped]:
-    """Yield every pair of levels and every interaction: by reference, then over several.
-
-    Parameters
-    ----------
-    conditions : Conditions
-        The model's columns.
-    factors : Factors
-        Levels of each column.
-    cells : sequence of (str, tuple of str)
-        Environment and levels of the cells that have data.
-    label : str
-        What is compared, in words.
-    lacking : str
-        What other cells lack.
-    """
-    interactions = [term for term in conditions.terms if len(term) > 1]
-    for term in [*((factor,) for factor in conditions.factors), *interactions]:
-        between = [factor for factor in term if factor in conditions.between]
-        of_factors = [itertools.combinations(factors.levels[factor], 2) for factor in term]
-        for pairs in itertools.product(*of_factors):
-            outline = Comparison(
-                factor=":".join(term),
-                first=", ".join(first for first, _ in pairs),
-                second=", ".join(second for _, second in pairs),
-                of="interaction" if len(term) > 1 else "bias",
-                within=not between,
-                groups=pairs[term.index(between[0])] if between else ("", ""),
-            )
-            signs: _Signs = {}
-            for corner in itertools.product(*pairs):
-                firsts = [level == first for level, (first, _) in zip(corner, pairs, strict=True)]
-                # Of a difference of differences that of both second levels is positive.
-                signs[corner] = (-1.0) ** sum(firsts)
-            made = _by_reference(outline, term, signs, factors, cells)
-            found = {comparison.environment for comparison in made}
-            missing = [name for name in factors.environments if name not in found]
-            if missing:
-                what = f"contrast of {label}, {outline.versus}, in {', '.join(missing)}"
-                yield Skipped(what, f"there are no {lacking} at all its levels")
-            yield from made
+def cells_of(sessions: Sessions, names: Sequence[str]) -> pd.DataFrame:
+    """Environment of the cells of these names, and their level in each factor: a row each."""
+    if sessions.factors is None:
+        return pd.DataFrame({ENVIRONMENT: names})
+    rows = []
+    for name in names:
+        environment, levels = sessions.factors.cells[name]
+        rows.append([environment, *levels])
+    return pd.DataFrame(rows, columns=[ENVIRONMENT, *sessions.factors.levels])
 
 
-def level_means(
-    conditions: Conditions, factors: Factors, cells: Sequence[CellKey]
-) -> Iterator[list[Comparison]]:
+def compared(data: Data, trials: Trials, parameter: str) -> Iterator[Contrast | Skipped]:
+    """Yield what is compared of a quantity in the cells of its trials."""
+    if data.sessions.factors is None:
+        return
+    conditions = data.conditions
+    label = data.quantities[parameter].label
+    cells = cells_of(data.sessions, trials.environments)
+    terms: list[tuple[str, ...]] = [(factor,) for factor in conditions.factors]
+    terms += [term for term in conditions.terms if len(term) > 1]
+    for term in terms:
+        for found in _pairs(data, parameter, term, cells, label, "data"):
+            yield found
+            if isinstance(found, Contrast) and found.of == "bias":
+                yield dataclasses.replace(found, of="spread")
+    for *_, overall in level_means(data, trials, parameter):
+        yield overall
+    repeated = trials.statistics.trial_df > 0.0
+    for factor in conditions.precision:
+        what = f"precision of {label}"
+        for found in _pairs(
+            data, parameter, (factor,), cells, what, "repeated trials", present=repeated
+        ):
+            if isinstance(found, Contrast):
+                found = dataclasses.replace(found, of="precision")
+            yield found
+
+
+def level_means(data: Data, trials: Trials, parameter: str) -> Iterator[list[Contrast]]:
     """Yield the means of every level against the references: of each reference, then over all."""
-    for factor in conditions.factors:
-        for level in factors.levels[factor]:
-            outline = Comparison(
+    cells = cells_of(data.sessions, trials.environments)
+    for factor in data.conditions.factors:
+        levels = cells[factor].to_numpy()
+        for level in pd.unique(levels).tolist():
+            outline = Contrast(
+                parameter=parameter,
                 factor=factor,
                 first="the reference",
                 second=level,
                 of="level",
-                within=factor not in conditions.between,
+                within=factor not in data.conditions.between,
             )
-            means = _by_reference(outline, (factor,), {(level,): 1.0}, factors, cells)
-            if means:
-                yield means
+            yield _by_reference(outline, (levels == level) * 1.0, (factor,), cells, corners=1)
+
+
+def _pairs(
+    data: Data,
+    parameter: str,
+    term: Sequence[str],
+    cells: pd.DataFrame,
+    label: str,
+    lacking: str,
+    present: NDArray[np.bool_] | bool = True,
+) -> Iterator[Contrast | Skipped]:
+    """Yield every pair of levels of a term, by reference, then over several.
+
+    `label` says what is compared, and `lacking` what cells lack that are not `present`.
+    """
+    factors = data.sessions.factors
+    assert factors is not None
+    between = [factor for factor in term if factor in data.conditions.between]
+    of_factors = [itertools.combinations(factors.levels[factor], 2) for factor in term]
+    for pairs in itertools.product(*of_factors):
+        outline = Contrast(
+            parameter=parameter,
+            factor=":".join(term),
+            first=", ".join(first for first, _ in pairs),
+            second=", ".join(second for _, second in pairs),
+            of="interaction" if len(term) > 1 else "bias",
+            within=not between,
+            groups=pairs[term.index(between[0])] if between else ("", ""),
+        )
+        # Of a difference of differences that of both second levels is positive.
+        signs = np.ones(len(cells)) * present
+        for factor, (first, second) in zip(term, pairs, strict=True):
+            levels = cells[factor].to_numpy()
+            signs = signs * ((levels == second) * 1.0 - (levels == first))
+        made = _by_reference(outline, signs, term, cells, corners=2 ** len(term))
+        found = {contrast.environment for contrast in made}
+        missing = [name for name in factors.environments if name not in found]
+        if missing:
+            what = f"contrast of {label}, {outline.versus}, in {', '.join(missing)}"
+            yield Skipped(what, f"there are no {lacking} at all its levels")
+        yield from made
 
 
 def _by_reference(
-    outline: Comparison,
-    term: Sequence[str],
-    signs: _Signs,
-    factors: Factors,
-    cells: Sequence[CellKey],
-) -> list[Comparison]:
-    """Make a contrast at each reference that has all its levels, and the average of several."""
-    columns = [list(factors.levels).index(factor) for factor in term]
+    outline: Contrast, signs: Array, term: Sequence[str], cells: pd.DataFrame, *, corners: int
+) -> list[Contrast]:
+    """Make a contrast at each reference that has all its corners, and the average of several.
+
+    It averages over the levels of all other factors at which all corners have data.
+    """
+    others = cells.drop(columns=[*term]).itertuples(index=False, name=None)
+    # Cells that differ in the term's levels alone have one name.
+    names = list(others)
+    counts = Counter(itertools.compress(names, signs))
+    is_whole = np.array([counts[name] == corners for name in names])
     made = []
-    for name in factors.environments:
-        weights = _weights(name, columns, signs, cells)
-        if weights:
-            made.append(
-                dataclasses.replace(outline, environment=name, references=(name,), weights=weights)
-            )
+    for environment in cells[ENVIRONMENT].unique().tolist():
+        weights = signs * is_whole * (cells[ENVIRONMENT].to_numpy() == environment)
+        if weights.any():
+            weights *= corners / np.count_nonzero(weights)
+            at_one = {"environment": environment, "references": (environment,)}
+            made.append(dataclasses.replace(outline, weights=weights, **at_one))
     if len(made) < 2:
         return made
-    average = {cell: weight / len(made) for one in made for cell, weight in one.weights.items()}
     references = tuple(name for one in made for name in one.references)
-    overall = dataclasses.replace(outline, references=references, weights=average)
-    return [*made, overall]
-
-
-def _weights(
-    environment: str,
-    columns: Sequence[int],
-    signs: _Signs,
-    cells: Sequence[CellKey],
-) -> dict[CellKey, float]:
-    """Weights of a reference's cells: averages over the levels of all other factors."""
-    by_others: dict[tuple[str, ...], dict[CellKey, float]] = {}
-    for cell in cells:
-        name, levels = cell
-        corner = tuple(levels[column] for column in columns)
-        if name != environment or corner not in signs:
-            continue
-        others = tuple(level for column, level in enumerate(levels) if column not in columns)
-        by_others.setdefault(others, {})[cell] = signs[corner]
-    whole = [weights for weights in by_others.values() if len(weights) == len(signs)]
-    return {cell: sign / len(whole) for weights in whole for cell, sign in weights.items()}
+    average = np.mean([one.weights for one in made], axis=0)
+    return [*made, dataclasses.replace(outline, references=references, weights=average)]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -176,27 +200,20 @@ class SubjectCells:
     """One number of each of N subjects in a cell, such as the mean of the trials."""
 
     #: (N,) by environment and levels of the factors within subjects; NaN where there is none.
-    values: dict[CellKey, Array]
+    values: dict[tuple[str, ...], Array]
+    keys: tuple[tuple[str, ...], ...]  # Of each of the C cells among the values
+    cells: pd.DataFrame  # Environment and levels of each
     groups: dict[str, NDArray[np.object_]]  # (N,) Level of each factor between subjects
-    within: tuple[int, ...]  # Indices of the factors within subjects among all factors
 
-    @property
-    def lacking(self) -> Array:
-        """Values of a cell that the study lacks, (N,)."""
-        return np.full_like(next(iter(self.values.values())), np.nan)
-
-    def weighed(self, weights: Mapping[CellKey, float]) -> Array:
-        """Sum each subject's weighted cells, (N,); NaN for subjects who lack a cell.
-
-        Cells that differ in their groups alone are one cell of a subject.
-        """
-        total = np.zeros_like(self.lacking)
-        for (environment, levels), weight in weights.items():
-            cell = (environment, tuple(levels[place] for place in self.within))
-            total = total + weight * self.values.get(cell, self.lacking)
+    def weighed(self, weights: Array) -> Array:
+        """Sum each subject's weighted cells, (N,); NaN for subjects who lack a cell."""
+        total = np.zeros_like(self.values[self.keys[0]])
+        for key, weight in zip(self.keys, weights.tolist(), strict=True):
+            if weight:
+                total = total + weight * self.values[key]
         return total
 
-    def at_level(self, level: Comparison) -> Array:
+    def at_level(self, level: Contrast) -> Array:
         """Each subject's mean at one level; NaN in other groups, and where a cell is lacking."""
         means = self.weighed(level.weights)
         if level.factor in self.groups:
@@ -205,36 +222,18 @@ class SubjectCells:
 
 
 def subject_cells(
-    numbers: Array, trials: Trials, factors: Factors, between: Collection[str]
+    numbers: Array, trials: Trials, sessions: Sessions, between: Collection[str]
 ) -> SubjectCells:
     """Lay out a number of each subject in each cell (N, C), of trials of one quantity.
 
     Every subject has one level only of the factors `between`.
     """
-    within = tuple(place for place, name in enumerate(factors.levels) if name not in between)
-    values: dict[CellKey, Array] = {}
-    groups = {name: np.full(len(numbers), "", dtype=object) for name in between}
-    for column, name in zip(numbers.T, trials.environments, strict=True):
-        environment, levels = factors.cells[name]
-        cell = (environment, tuple(levels[place] for place in within))
-        present = np.isfinite(column)
+    cells = cells_of(sessions, trials.environments)
+    keys = tuple(cells.drop(columns=[*between]).itertuples(index=False, name=None))
+    values: dict[tuple[str, ...], Array] = {}
+    for key, column in zip(keys, numbers.T, strict=True):
         # Each subject is in one group, so that the parts of a cell have no subject twice.
-        values.setdefault(cell, np.full(len(numbers), np.nan))[present] = column[present]
-        for group, level in groups.items():
-            level[present] = factors.level(name, group)
-    return SubjectCells(values, groups, within)
-
-
-def log_trial_sds(trials: Trials) -> Array:
-    """Log SDs between trials of one quantity, by subject and cell (N, C).
-
-    −∞ where trials are all equal, NaN without repeats.
-    """
-    found = np.full(trials.counts.shape, np.nan)
-    for i, c in np.argwhere(trials.counts > 1.0).tolist():
-        in_cell = (trials.subject == i) & (trials.environment == c)
-        responses = trials.response[in_cell, 0]
-        # Rounding of the mean is no scatter.
-        sd = responses.std(ddof=1) if np.ptp(responses) > 0.0 else 0.0
-        found[i, c] = log_sd(sd, len(responses) - 1.0)
-    return found
+        values[key] = np.where(np.isfinite(column), column, values.get(key, np.nan))
+    first_cell = (trials.counts > 0.0).argmax(axis=1)
+    groups = {name: cells[name].to_numpy(dtype=object)[first_cell] for name in between}
+    return SubjectCells(values, keys, cells, groups)

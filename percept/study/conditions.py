@@ -22,8 +22,6 @@ from percept.sessions.quantities import quantity_of
 from percept.sessions.records import Factors, Notice
 from percept.study.basics import Array, analysed_parameters
 
-#: A cell: its environment, and its level under each factor.
-CellKey = tuple[str, tuple[str, ...]]
 #: Environments made of a study that has one only. A line over references takes two; five show
 #: whether the means depart from it, and leave each a fifth of the trials.
 _RANGES = 5
@@ -39,11 +37,6 @@ class Conditions:
     terms: tuple[Term, ...]  # Of factors
     spread: tuple[str, ...]  # Factors whose levels differ in spread
     precision: tuple[str, ...]  # Factors whose levels are compared in the SD between trials
-
-    @property
-    def precise(self) -> Conditions:
-        """Return the factors compared in precision, without interactions."""
-        return dataclasses.replace(self, factors=self.precision, terms=())
 
 
 def told_apart(sessions: Sessions, scene: Scene) -> Sessions:

@@ -1,7 +1,14 @@
-"""Contrasts of factors and groups, levels, and the analysis of variance, by the classical method.
+"""Contrasts of factors and groups by both methods, levels, and the analysis of variance.
 
-A subject's value in a cell is the mean of their trials there, on the response scale. What is
-compared, and the rows of contrasts, are made here for both methods.
+Classically a subject's value in a cell is the mean of their trials there, on the response scale. In
+a fit a contrast is a weighted sum of the model's locations, or a ratio of SDs. Sums of which each
+user has one have limits of every kind (the average user, the next one, a share of users); sums over
+groups of subjects, and slopes of covariates, have limits of the average user only.
+
+A family is the contrasts of one term in one quantity: what a reader compares at a glance. Its
+limits hold together if, with the level asked for, all its true values lie within them at once. They
+are single limits at a higher level. Joint draws of the L sums say how high that level must be; the
+limits themselves rest on every draw of the scales, as all single limits do.
 """
 
 from __future__ import annotations
@@ -11,14 +18,17 @@ import itertools
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
+from scipy import special
 
 from percept.errors import RefusalError
 from percept.inference.classical.contrasts import (
     Effect,
+    TwoSamples,
     anova,
     group_contrast,
     group_spread_ratio,
@@ -26,194 +36,50 @@ from percept.inference.classical.contrasts import (
     spread_ratio,
 )
 from percept.inference.classical.moments import Moments
-from percept.inference.record import Kind, Method
+from percept.inference.classical.variability import log_sd
+from percept.inference.record import Interval, Kind, Method
 from percept.results import AnovaRow, ContrastRow, LevelValues, Skipped
 from percept.sessions.records import Factors
-from percept.study.basics import Array, claim_of, known
+from percept.study.basics import Array, Stream, claim_of, generator, known
 from percept.study.comparisons import (
-    Comparison,
+    ENVIRONMENT,
+    Contrast,
     SubjectCells,
-    comparisons,
+    compared,
     level_means,
-    log_trial_sds,
     subject_cells,
 )
 from percept.study.conditions import Conditions
 from percept.study.data import Data
 from percept.study.responses import Trials
 
-#: What the references are called as a factor: the column of the sessions.
-ENVIRONMENT = "environment"
+# The classical method does without the model.
+if TYPE_CHECKING:
+    from percept.inference.model import gaussian
+    from percept.study.fit import Fit
 
-
-def compared(data: Data, trials: Trials, parameter: str) -> Iterator[Comparison | Skipped]:
-    """Yield what is compared of a quantity in the cells of its trials."""
-    factors = data.sessions.factors
-    if factors is None:
-        return
-    conditions = data.conditions
-    label = data.quantities[parameter].label
-    cells = [factors.cells[name] for name in trials.environments]
-    for found in comparisons(conditions, factors, cells, label):
-        yield found
-        if isinstance(found, Comparison) and found.of == "bias":
-            yield dataclasses.replace(found, of="spread")
-    for *_, mean in level_means(conditions, factors, cells):
-        yield mean
-    dfs = trials.statistics.trial_df
-    repeated = [cell for cell, df in zip(cells, dfs, strict=True) if df > 0.0]
-    precision = f"precision of {label}"
-    precise = conditions.precise
-    for found in comparisons(precise, factors, repeated, precision, "repeated trials"):
-        if isinstance(found, Comparison):
-            found = dataclasses.replace(found, of="precision")
-        yield found
-
-
-def classical_contrasts(data: Data) -> Iterator[ContrastRow | Skipped]:
-    """Yield intervals of subjects' own contrasts, and of groups of subjects."""
-    factors = data.sessions.factors
-    conditions = data.conditions
-    for parameter in data.parameters:
-        label = data.quantities[parameter].label
-        for column in conditions.covariates:
-            why = "only the hierarchical model estimates slopes"
-            yield Skipped(f"classical slope of {label} on {column}", why)
-        if factors is None:
-            continue
-        try:
-            trials = data.trials(parameter)
-        except RefusalError as refused:
-            yield Skipped(f"contrasts of {label}", str(refused))
-            continue
-        means = _means(data, trials, factors)
-        log_sds = means
-        if conditions.precision:
-            values, equal = _log_sds(trials, label)
-            yield from equal
-            log_sds = subject_cells(values, trials, factors, conditions.between)
-        for found in compared(data, trials, parameter):
-            if isinstance(found, Skipped):
-                yield found
-                continue
-            if found.of == "precision":
-                yield from _rows(data, parameter, f"precision of {label}", found, log_sds)
-            else:
-                yield from _rows(data, parameter, label, found, means)
-
-
-def _means(data: Data, trials: Trials, factors: Factors) -> SubjectCells:
-    """Each subject's means of one quantity in the cells of all factors, as responses."""
-    means = trials.statistics.cell_means[:, 0]
-    return subject_cells(means, trials, factors, data.conditions.between)
-
-
-def _with_means(data: Data, factors: Factors) -> Iterator[tuple[str, Trials, SubjectCells]]:
-    """Yield the quantities with trials and subjects' means; the contrasts say why others lack."""
-    for parameter in data.parameters:
-        with suppress(RefusalError):
-            trials = data.trials(parameter)
-            yield parameter, trials, _means(data, trials, factors)
-
-
-def _log_sds(trials: Trials, label: str) -> tuple[Array, list[Skipped]]:
-    """Log SDs between each subject's trials in each cell, (N, C), and those there are none of."""
-    log_sds = log_trial_sds(trials)
-    skipped = []
-    for i, cell in np.argwhere(np.isneginf(log_sds)).tolist():
-        what = f"{trials.subjects[i]} in the precision of {label}"
-        why = f"all trials in {trials.environments[cell]} are equal, and zero has no logarithm"
-        skipped.append(Skipped(what, why))
-        log_sds[i, cell] = np.nan
-    return log_sds, skipped
-
-
-def _rows(
-    data: Data, parameter: str, label: str, comparison: Comparison, cells: SubjectCells
-) -> Iterator[ContrastRow | Skipped]:
-    """Yield the intervals of a comparison; or say why it has none."""
-    is_paired = comparison.within or comparison.of == "level"
-    if not is_paired and len(cells.groups) > 1:
-        what = f"classical contrasts of groups in {label}"
-        yield Skipped(what, "Welch's test compares the groups of one column only")
-        return
-    try:
-        yield from (_paired if is_paired else _of_groups)(data, parameter, comparison, cells)
-    except RefusalError as refused:
-        where = f"in {comparison.environment}" if comparison.environment else "overall"
-        what = f"contrast of {label}, {comparison.versus}, {where}"
-        yield Skipped(what, str(refused))
-
-
-def _paired(
-    data: Data, parameter: str, comparison: Comparison, cells: SubjectCells
-) -> Iterator[ContrastRow]:
-    """Yield intervals of subjects' own contrasts, of subjects who have every cell."""
-    values = cells.at_level(comparison)
-    is_complete = np.isfinite(values)
-    n = int(is_complete.sum())
-    if n < 2:
-        raise RefusalError("fewer than two subjects have all its levels")
-    asked = data.asked
-    if comparison.of == "spread":
-        weights = comparison.weights
-        second = cells.weighed({cell: weight for cell, weight in weights.items() if weight > 0.0})
-        first = cells.weighed({cell: -weight for cell, weight in weights.items() if weight < 0.0})
-        ratio = spread_ratio(first[is_complete], second[is_complete], level=asked.level)
-        ends = np.array([ratio.lower, ratio.upper, ratio.estimate])
-        yield contrast_row(
-            data, parameter, comparison, ends, n, method="classical", p_value=ratio.p_value
-        )
-        return
-    for kind in ("mean",) if comparison.is_ratio else asked.kinds:
-        interval, p_value, d_z = paired_contrast(values[is_complete], kind, **claim_of(asked))
-        evidence = {"p_value": p_value, "d_z": d_z} if kind == "mean" else {}
-        ends = np.array([interval.lower, interval.upper, interval.estimate])
-        # Values that are log SDs differ by the logarithm of a ratio.
-        ends = np.exp(ends) if comparison.is_ratio else ends
-        yield contrast_row(
-            data, parameter, comparison, ends, n, kind=kind, method="classical", **evidence
-        )
-
-
-def _of_groups(
-    data: Data, parameter: str, comparison: Comparison, cells: SubjectCells
-) -> Iterator[ContrastRow]:
-    """Yield Welch's interval, or the F interval, of subjects' values in two groups."""
-    assert data.sessions.factors is not None
-    ((column, groups),) = cells.groups.items()
-    place = list(data.sessions.factors.levels).index(column)
-    # Both groups' values weigh the same cells, which the second one's part of the contrast tells.
-    *_, second = comparison.groups
-    of_second = {
-        cell: weight for cell, weight in comparison.weights.items() if cell[1][place] == second
-    }
-    values = cells.weighed(of_second)
-    samples = [values[np.isfinite(values) & (groups == group)] for group in comparison.groups]
-    if min(map(len, samples)) < 2:
-        raise RefusalError("a group has fewer than two subjects with all cells")
-    moments = [Moments.from_values(sample) for sample in samples]
-    if min(float(group.sd) for group in moments) == 0.0:
-        raise RefusalError("all subjects of a group have one value")
-    test = group_spread_ratio if comparison.of == "spread" else group_contrast
-    found = test(*moments, level=data.asked.level)
-    ends = np.array([found.lower, found.upper, found.estimate])
-    ends = np.exp(ends) if comparison.of == "precision" else ends
-    yield contrast_row(
-        data, parameter, comparison, ends, found.n, method="classical", p_value=found.p_value
-    )
+#: Draws of the scales, S, that joint draws are made for. Every k-th draw of the fit is kept, with k
+#: a whole number: up to twice as many stay.
+_LEAST_KEPT = 4096
+#: Joint draws for each draw of the scales, at most. With 16 times 4096 in all, limits that hold
+#: together at 99 % are known to 1 % of their half-widths.
+_MOST_REPEATS = 16
+#: Numbers in an array of joint draws, (N, L), at most: 32 MB. There are two, of average users and
+#: of next users.
+_MOST_NUMBERS = 1 << 22
+#: Fields of a row that are those of its contrast.
+_SAME = ("parameter", "factor", "first", "second", "of", "within", "environment", "references")
 
 
 def contrast_row(
     data: Data,
-    parameter: str,
-    comparison: Comparison,
+    contrast: Contrast,
     ends: ArrayLike,
     n: int,
     *,
     kind: Kind = "mean",
     method: Method,
-    together: ArrayLike | None = None,
+    together: ArrayLike = (np.nan, np.nan),
     **evidence: float | None,
 ) -> ContrastRow:
     """Make a row of lower limit, upper limit and estimate, and of limits that hold together.
@@ -222,23 +88,16 @@ def contrast_row(
     d_z and error by their names in the row.
     """
     asked = data.asked
+    numbers = np.concatenate([ends, together])
     unit = ""
-    if not comparison.is_ratio:
-        ends = data.differences(parameter, ends)
-        unit = data.unit_of_differences(parameter)
-    lower, upper, estimate = np.asarray(ends).tolist()
-    lower_together, upper_together = None, None
-    if together is not None:
-        lower_together, upper_together = data.differences(parameter, together).tolist()
+    if not contrast.is_ratio:
+        numbers = data.differences(contrast.parameter, numbers)
+        unit = data.unit_of_differences(contrast.parameter)
+    lower, upper, estimate, lower_together, upper_together = numbers.tolist()
+    further: Any = {name: getattr(contrast, name) for name in _SAME} | evidence
     return ContrastRow(
-        factor=comparison.factor,
-        first=comparison.first,
-        second=comparison.second,
-        environment=comparison.environment,
-        references=comparison.references,
-        parameter=parameter,
-        of=comparison.of,
-        kind=None if comparison.is_ratio else kind,
+        **further,
+        kind=None if contrast.is_ratio else kind,
         method=method,
         family=asked.family,
         level=asked.level,
@@ -247,35 +106,264 @@ def contrast_row(
         lower=lower,
         upper=upper,
         estimate=estimate,
-        lower_together=lower_together,
-        upper_together=upper_together,
+        lower_together=known(lower_together),
+        upper_together=known(upper_together),
         unit=unit,
-        within=comparison.within,
         n=n,
-        **evidence,
     )
+
+
+def classical_contrasts(data: Data) -> Iterator[ContrastRow | Skipped]:
+    """Yield intervals of subjects' own contrasts, and of groups of subjects."""
+    conditions = data.conditions
+    for parameter in data.parameters:
+        label = data.quantities[parameter].label
+        for column in conditions.covariates:
+            why = "only the hierarchical model estimates slopes"
+            yield Skipped(f"classical slope of {label} on {column}", why)
+        if data.sessions.factors is None:
+            continue
+        try:
+            trials = data.trials(parameter)
+        except RefusalError as refused:
+            yield Skipped(f"contrasts of {label}", str(refused))
+            continue
+        means = _means(data, trials)
+        log_sds = means
+        if conditions.precision:
+            values, equal = _log_sds(trials, label)
+            yield from equal
+            log_sds = subject_cells(values, trials, data.sessions, conditions.between)
+        for found in compared(data, trials, parameter):
+            if isinstance(found, Skipped):
+                yield found
+            elif found.of == "precision":
+                yield from _classical(data, f"precision of {label}", found, log_sds)
+            else:
+                yield from _classical(data, label, found, means)
+
+
+def _means(data: Data, trials: Trials) -> SubjectCells:
+    """Each subject's means of one quantity in the cells of all factors, as responses."""
+    means = trials.statistics.cell_means[:, 0]
+    return subject_cells(means, trials, data.sessions, data.conditions.between)
+
+
+def _log_sds(trials: Trials, label: str) -> tuple[Array, list[Skipped]]:
+    """Log SDs between each subject's trials in each cell, (N, C), and those there are none of."""
+    log_sds = np.full(trials.counts.shape, np.nan)
+    skipped = []
+    for i, cell in np.argwhere(trials.counts > 1.0).tolist():
+        in_cell = (trials.subject == i) & (trials.environment == cell)
+        responses = trials.response[in_cell, 0]
+        # Of equal values the SD may be rounding of their mean.
+        if np.ptp(responses) > 0.0:
+            log_sds[i, cell] = log_sd(responses.std(ddof=1), len(responses) - 1.0)
+            continue
+        what = f"{trials.subjects[i]} in the precision of {label}"
+        why = f"all trials in {trials.environments[cell]} are equal, and zero has no logarithm"
+        skipped.append(Skipped(what, why))
+    return log_sds, skipped
+
+
+#: A test of a contrast: the kind of its interval, the interval, and what else it says.
+_Tested = Iterator[tuple[Kind, TwoSamples | Interval, dict[str, float]]]
+
+
+def _classical(
+    data: Data, label: str, contrast: Contrast, cells: SubjectCells
+) -> Iterator[ContrastRow | Skipped]:
+    """Yield the intervals of a contrast; or say why it has none."""
+    is_paired = contrast.within or contrast.of == "level"
+    if not is_paired and len(cells.groups) > 1:
+        what = f"classical contrasts of groups in {label}"
+        yield Skipped(what, "Welch's test compares the groups of one column only")
+        return
+    tests = _paired if is_paired else _of_groups
+    try:
+        for kind, found, evidence in tests(data, contrast, cells):
+            ends = np.array([found.lower, found.upper, found.estimate])
+            # Values that are log SDs differ by the logarithm of a ratio.
+            ends = np.exp(ends) if contrast.of == "precision" else ends
+            n = int(found.n)
+            yield contrast_row(data, contrast, ends, n, kind=kind, method="classical", **evidence)
+    except RefusalError as refused:
+        where = f"in {contrast.environment}" if contrast.environment else "overall"
+        yield Skipped(f"contrast of {label}, {contrast.versus}, {where}", str(refused))
+
+
+def _paired(data: Data, contrast: Contrast, cells: SubjectCells) -> _Tested:
+    """Test subjects' own contrasts, of subjects who have every cell."""
+    values = cells.at_level(contrast)
+    is_complete = np.isfinite(values)
+    if is_complete.sum() < 2:
+        raise RefusalError("fewer than two subjects have all its levels")
+    asked = data.asked
+    if contrast.of == "spread":
+        second = cells.weighed(np.maximum(contrast.weights, 0.0))[is_complete]
+        first = cells.weighed(np.maximum(-contrast.weights, 0.0))[is_complete]
+        ratio = spread_ratio(first, second, level=asked.level)
+        yield "mean", ratio, {"p_value": ratio.p_value}
+        return
+    for kind in ("mean",) if contrast.is_ratio else asked.kinds:
+        interval, p_value, d_z = paired_contrast(values[is_complete], kind, **claim_of(asked))
+        yield kind, interval, {"p_value": p_value, "d_z": d_z} if kind == "mean" else {}
+
+
+def _of_groups(data: Data, contrast: Contrast, cells: SubjectCells) -> _Tested:
+    """Take Welch's interval, or the F interval, of subjects' values in two groups."""
+    ((column, groups),) = cells.groups.items()
+    # Both groups' values weigh the same cells, which the second one's part of the contrast tells.
+    is_second = cells.cells[column].to_numpy() == contrast.groups[1]
+    values = cells.weighed(contrast.weights * is_second)
+    samples = [values[np.isfinite(values) & (groups == group)] for group in contrast.groups]
+    if min(map(len, samples)) < 2:
+        raise RefusalError("a group has fewer than two subjects with all cells")
+    moments = [Moments.from_values(sample) for sample in samples]
+    if min(float(group.sd) for group in moments) == 0.0:
+        raise RefusalError("all subjects of a group have one value")
+    test = group_spread_ratio if contrast.of == "spread" else group_contrast
+    found = test(*moments, level=data.asked.level)
+    yield "mean", found, {"p_value": found.p_value}
+
+
+def posterior_contrasts(fit: Fit) -> Iterator[ContrastRow | Skipped]:
+    """Yield every contrast of a fit that passed."""
+    if fit.contrasts is None:
+        what = " and ".join(fit.data.quantities[p].label for p in fit.parameters)
+        yield Skipped(f"Bayesian contrasts of {what}", 'they need [model] pooling = "partial"')
+        return
+    first = len(fit.model.cells)
+    for contrasts, kinds in fit.sums:
+        last = first + len(contrasts)
+        yield from _rows(fit, contrasts, kinds, fit.all_moments.of(slice(first, last)))
+        first = last
+    for contrast in fit.contrasts:
+        if contrast.is_ratio:
+            yield _ratio(fit, contrast)
+
+
+def _rows(
+    fit: Fit, contrasts: Sequence[Contrast], kinds: Sequence[Kind], laws: gaussian.Moments
+) -> Iterator[ContrastRow]:
+    """Yield the rows of L contrasts of locations, from their laws at every draw."""
+    from percept.inference.model.limits import limits_of
+
+    names = [contrast.name for contrast in contrasts]
+    found = fit.run.estimates
+    estimate = laws.mean.mean(axis=0)
+    together = _limits_together(fit, contrasts, kinds, laws)
+    for kind in kinds:
+        lower, upper = limits_of(found.names, found.value, kind, names)
+        user_sd = laws.population_sd if kind == "user" else 0.0
+        above = special.ndtr(laws.mean / np.hypot(laws.sd, user_sd)).mean(axis=0)
+        for i, contrast in enumerate(contrasts):
+            evidence = {}
+            if kind != "share":
+                evidence["probability_above"] = float(above[i])
+            if kind == "mean" and contrast.is_of_users:
+                d_z = np.median(laws.mean[:, i] / laws.population_sd[:, i])
+                evidence["d_z"] = float(d_z)
+            yield contrast_row(
+                fit.data,
+                contrast,
+                [lower[i], upper[i], estimate[i]],
+                contrast.subjects,
+                kind=kind,
+                method="bayesian",
+                together=together.get((kind, i), (np.nan, np.nan)),
+                **evidence,
+            )
+
+
+def _limits_together(
+    fit: Fit, contrasts: Sequence[Contrast], kinds: Sequence[Kind], laws: gaussian.Moments
+) -> dict[tuple[Kind, int], Array]:
+    """Limits within which all contrasts of a family lie, by kind and number of the contrast."""
+    from percept.inference.model.limits import Limits, level_together
+
+    # Levels and slopes have no family.
+    by_term: dict[tuple[str, str], list[int]] = {}
+    for number, contrast in enumerate(contrasts):
+        if contrast.of in ("bias", "interaction"):
+            by_term.setdefault((contrast.parameter, contrast.factor), []).append(number)
+    families = [members for members in by_term.values() if len(members) > 1]
+    found: dict[tuple[Kind, int], Array] = {}
+    if not families:
+        return found
+    asked = fit.data.asked
+    weights = np.array([contrast.row for contrast in contrasts])
+    gap = max(1, len(fit.points) // _LEAST_KEPT)
+    points = fit.points[::gap]
+    affordable = _MOST_NUMBERS // (len(weights) * len(points))
+    repeats = min(max(1, affordable), _MOST_REPEATS)
+    rng = generator(asked.seed, Stream.CONTRASTS)
+    average_users, next_users = fit.model.draw(points, rng, weights, repeats=repeats)
+    of_points = fit.model.moments(points, weights)
+    for kind, members in itertools.product(kinds, families):
+        # Limits of a share hold for one contrast only.
+        if kind == "share":
+            continue
+        drawn = of_points.of(members)
+        sd = drawn.sd
+        values = average_users
+        if kind == "user":
+            sd = np.hypot(drawn.sd, drawn.population_sd)
+            values = next_users
+        level = level_together(drawn.mean, sd, values[:, members], asked.level)
+        lower, upper, _ = Limits(fit.model, level=level).of(kind, laws.of(members))
+        ends = np.stack([lower, upper], axis=1)
+        for number, of_member in zip(members, ends, strict=True):
+            found[kind, number] = of_member
+    return found
+
+
+def _ratio(fit: Fit, contrast: Contrast) -> ContrastRow:
+    """Make the row of a ratio of SDs, from every draw."""
+    points = fit.every_point
+    if contrast.of == "spread":
+        sides = [np.maximum(contrast.row, 0.0), np.maximum(-contrast.row, 0.0)]
+        sds = fit.model.user_sds(points, np.stack(sides))
+        ratios = sds[:, 0] / sds[:, 1]
+    else:
+        # Geometric means of trial SDs; locations that are no cells have none.
+        log_sds = []
+        for model, coordinates in fit.model.split(points):
+            of_locations = np.zeros((len(points), model.locations))
+            scales = model.scales(coordinates)
+            if "sigma_e" in scales:
+                _, sd = scales["sigma_e"]
+                of_locations[:, : len(model.cells)] = np.log(sd).reshape(len(points), -1)
+            log_sds.append(of_locations)
+        ratios = np.exp(np.hstack(log_sds) @ contrast.row)
+    limits = fit.limits_of_draws(ratios)
+    ends = [limits.lower, limits.upper, limits.estimate]
+    n = contrast.subjects
+    return contrast_row(fit.data, contrast, ends, n, method="bayesian", error=limits.error)
+
+
+def _with_means(data: Data) -> Iterator[tuple[str, Trials, SubjectCells]]:
+    """Yield the quantities with trials and subjects' means; the contrasts say why others lack."""
+    for parameter in data.parameters if data.sessions.factors else ():
+        with suppress(RefusalError):
+            trials = data.trials(parameter)
+            yield parameter, trials, _means(data, trials)
 
 
 def level_values(data: Data) -> Iterator[LevelValues]:
     """Yield subjects' means at every level of the factors, over all references and at each one."""
-    factors = data.sessions.factors
-    if factors is None or not data.scene.terms:
-        return
-    by_level = list(level_means(data.conditions, factors, list(factors.cells.values())))
-    at_levels: list[tuple[Comparison, str | None]] = [(overall, None) for *_, overall in by_level]
-    for *by_environment, _ in by_level:
-        at_levels += [(mean, mean.environment) for mean in by_environment]
-    for parameter, _, cells in _with_means(data, factors):
-        for mean, environment in at_levels:
-            values = data.differences(parameter, cells.at_level(mean))
-            yield LevelValues(
-                factor=mean.factor,
-                level=mean.second,
-                parameter=parameter,
-                environment=environment,
-                within=mean.within,
-                values=tuple(map(known, values.tolist())),
-            )
+    for parameter, trials, cells in _with_means(data):
+        for *at_references, overall in level_means(data, trials, parameter):
+            for mean in (dataclasses.replace(overall, environment=None), *at_references):
+                values = data.differences(parameter, cells.at_level(mean))
+                yield LevelValues(
+                    factor=mean.factor,
+                    level=mean.second,
+                    parameter=parameter,
+                    environment=mean.environment,
+                    within=mean.within,
+                    values=tuple(map(known, values.tolist())),
+                )
 
 
 def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
@@ -289,7 +377,7 @@ def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
         return
     # As sets: a:b and b:a are one term.
     terms = {frozenset(term) for term in conditions.terms}
-    for parameter, trials, cells in _with_means(data, factors):
+    for parameter, trials, cells in _with_means(data):
         try:
             effects = _effects(cells, trials, factors, conditions)
         except RefusalError as refused:
@@ -318,13 +406,13 @@ def _effects(
     for name, levels in factors.levels.items():
         if name not in conditions.between:
             axes[name] = levels
-    environments, *within = axes.values()
-    keys = list(itertools.product(environments, itertools.product(*within)))
-    values = np.stack([cells.values.get(key, cells.lacking) for key in keys], axis=1)
+    keys = list(itertools.product(*axes.values()))
+    lacking = np.full(len(trials.subjects), np.nan)
+    values = np.stack([cells.values.get(key, lacking) for key in keys], axis=1)
     missing = np.argwhere(np.isnan(values))
     if len(missing):
         row, column = missing[0].tolist()
-        environment, at_levels = keys[column]
+        environment, *at_levels = keys[column]
         subject = trials.subjects[row]
         count = len(np.unique(missing[:, 0]))
         more = f" Cells are missing for {count} subjects in all." if count > 1 else ""
@@ -336,7 +424,7 @@ def _effects(
             hint=f"To leave {subject} out: [sessions] exclude = [{rule}]. The contrasts use all"
             " data.",
         )
-    if len(environments) == 1:
+    if len(factors.environments) == 1:
         del axes[ENVIRONMENT]
     values = values.reshape(len(values), *(len(levels) for levels in axes.values()))
     between = next(iter(conditions.between), "")

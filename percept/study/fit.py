@@ -8,15 +8,17 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from percept.inference.classical.variability import Bounded
 from percept.inference.left_out import SubjectDensity
 from percept.inference.model.gaussian import Moments
 from percept.inference.model.limits import Combinations, Limits, limits_of
 from percept.inference.model.model import Model
+from percept.inference.sampling.endpoints import batch_errors, mixture_limits
 from percept.inference.sampling.gate import Progress, Run, Settings
 from percept.results import Skipped
 from percept.study.basics import Array, claim_of
-from percept.study.linear import rows_of
 from percept.study.prepare import Prepared
 
 
@@ -46,6 +48,43 @@ class Fit(Prepared):
         """Coordinates thinned to the effective size, ensemble after ensemble, shape (S, d)."""
         kept = self.run.independent()
         return kept.reshape(-1, kept.shape[-1])
+
+    @cached_property
+    def every_point(self) -> Array:
+        """All kept coordinates, ensemble after ensemble, shape (S, d)."""
+        return self.run.points.reshape(-1, self.run.points.shape[-1])
+
+    @cached_property
+    def _batch(self) -> dict[int, NDArray[np.intp]]:
+        """Batch of walkers that each draw is from, of `every_point` or `points`, by their number.
+
+        What is slow to mix, such as an SD near zero, errs by more than as many independent draws
+        would. Batches of walkers are independent, and their scatter tells by how much.
+        """
+        batches = (self.run.batches(every=True), self.run.batches())
+        return {len(batch): batch for batch in batches}
+
+    def limits_of_draws(self, draws: Array) -> Bounded:
+        """Bound what is drawn at `every_point` or `points`, (S,), by its median and quantiles.
+
+        The quantiles at one error of the share of draws below a limit, to either side, say how far
+        the limit errs.
+        """
+        level = self.data.asked.level
+        tails = 0.5 * np.array([1.0 - level, 1.0 + level])
+        lower, upper = np.quantile(draws, tails).tolist()
+        off = batch_errors(draws[:, None] < [lower, upper], self._batch[len(draws)])
+        beside = np.quantile(draws, np.clip([tails - off, tails + off], 0.0, 1.0))
+        error = float(0.5 * np.max(beside[1] - beside[0]))
+        return Bounded(float(np.median(draws)), lower, upper, error)
+
+    def limits_of_laws(self, laws: Moments) -> list[Bounded]:
+        """Bound what is normal given each of the draws, (S, L), by roots of mixtures."""
+        tail = 0.5 * (1.0 - self.data.asked.level)
+        lower, upper, influence = mixture_limits(laws.mean, laws.sd, tail)
+        error = batch_errors(influence, self._batch[len(influence)]).reshape(2, -1).max(axis=0)
+        by_law = np.stack([laws.mean.mean(axis=0), lower, upper, error], axis=1)
+        return [Bounded(*numbers) for numbers in by_law.tolist()]
 
     @cached_property
     def all_moments(self) -> Moments:
@@ -137,7 +176,8 @@ def fitted(
     further = []
     for contrasts, kinds in prepared.sums:
         names = tuple(contrast.name for contrast in contrasts)
-        further.append(Combinations(names, rows_of(contrasts), kinds))
+        rows = np.array([contrast.row for contrast in contrasts])
+        further.append(Combinations(names, rows, kinds))
     estimands = Limits(model, kinds=asked.kinds, **claim_of(asked), further=further)
     settings = Settings(
         tolerance=asked.tolerance,

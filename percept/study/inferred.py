@@ -23,13 +23,19 @@ from percept.results import (
 )
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.contrasts import anova_rows, classical_contrasts, level_values
+from percept.study.contrasts import (
+    anova_rows,
+    classical_contrasts,
+    level_values,
+    posterior_contrasts,
+)
 from percept.study.data import Data
+from percept.study.equivalence import classical_equivalence, posterior_equivalence
 from percept.study.intervals import COLUMNS, bayesian_rows, classical_rows, method_pairs
 from percept.study.psychophysics import (
     absent_jnds,
-    classical_equivalence,
     classical_psychophysics,
+    posterior_psychophysics,
 )
 from percept.study.responses import refuse_lone_subject
 
@@ -153,8 +159,6 @@ class Inferred:
         if self.data.asked.method != "bayesian":
             yield from classical_psychophysics(self.data)
         if self.passed is not None:
-            from percept.study.posterior_psychophysics import posterior_psychophysics
-
             yield from posterior_psychophysics(self.passed)
 
     @property
@@ -171,8 +175,6 @@ class Inferred:
         if self.data.asked.method != "bayesian":
             yield from classical_equivalence(self.data)
         if self.passed is not None:
-            from percept.study.posterior_psychophysics import posterior_equivalence
-
             yield from posterior_equivalence(self.passed)
 
     @property
@@ -191,8 +193,6 @@ class Inferred:
         if self.data.asked.method != "bayesian":
             yield from classical_contrasts(self.data)
         if self.passed is not None:
-            from percept.study.posterior_contrasts import posterior_contrasts
-
             yield from posterior_contrasts(self.passed)
 
     @property

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy import optimize
 
@@ -20,9 +21,8 @@ from percept.results import Skipped
 from percept.scene import Scene
 from percept.sessions.options import TRIAL_REFERENCE
 from percept.study.basics import Array
-from percept.study.comparisons import Comparison
-from percept.study.conditions import CellKey, in_sds
-from percept.study.contrasts import compared
+from percept.study.comparisons import ENVIRONMENT, Contrast, cells_of, compared
+from percept.study.conditions import in_sds
 from percept.study.data import Data
 from percept.study.responses import Trials, resolution_of
 
@@ -34,27 +34,6 @@ _LOCATION_PRIORS = ("alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "covariate
 _MOST_SUBJECTS = 60
 #: Trial degrees of freedom of the median subject: with fewer, one SD is known to a quarter at best.
 _LEAST_TRIAL_DF = 8
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Contrast:
-    """A comparison of one quantity, as weights of a model's locations or of its cells' SDs."""
-
-    parameter: str
-    comparison: Comparison
-    row: Array  # (R,) Weights
-    subjects: int  # That it rests on
-
-    @property
-    def name(self) -> tuple[str, str]:
-        """Its name among those of limits."""
-        made = self.comparison
-        return ("contrast", f"{self.parameter}, {made.factor}: {made.versus}, {made.where}")
-
-
-def rows_of(contrasts: Sequence[Contrast]) -> Array:
-    """Weights of contrasts, (L, R)."""
-    return np.array([contrast.row for contrast in contrasts])
 
 
 def priors_of(scene: Scene, parameters: Collection[str]) -> Priors:
@@ -134,7 +113,8 @@ def _contrasts(
 ) -> Iterator[Contrast | Skipped]:
     """Yield what is compared of quantity p, and its slopes on covariates, whose SDs are given."""
     parameter = trials.parameters[p]
-    keys = _keys(data, model.design.cells.names)
+    cells = model.design.cells
+    count = len(cells.names)
     present = np.isfinite(model.statistics.cell_means[:, 0])
     for found in compared(data, trials, parameter):
         if isinstance(found, Skipped):
@@ -144,42 +124,42 @@ def _contrasts(
             # The spread of subjects' effects is one for all levels: a ratio would be falsely
             # certain.
             continue
-        weights = np.array([found.weights.get(key, 0.0) for key in keys])
         # Locations are cells quantity by quantity, then slopes of all quantities by covariate.
         row = np.zeros(model.locations)
-        row[p * len(keys) : (p + 1) * len(keys)] = weights
-        yield Contrast(parameter, found, row, _subjects_behind(found, keys, weights, present))
-    for number, (name, sd) in enumerate(covariate_sds.items(), start=len(keys)):
+        row[p * count : (p + 1) * count] = found.weights
+        subjects = _subjects_behind(found, cells, present)
+        yield dataclasses.replace(found, row=row, subjects=subjects)
+    for number, (name, sd) in enumerate(covariate_sds.items(), start=count):
         covariates = model.statistics.covariates
-        slope = Comparison(
+        row = np.zeros(model.locations)
+        # A slope of the model is for one SD of its covariate; this one is for one unit.
+        row[number * len(trials.parameters) + p] = 1.0 / sd
+        yield Contrast(
+            parameter=parameter,
             factor=name,
             first="the same",
             second="1 decade more" if name == TRIAL_REFERENCE else "1 more",
             of="slope",
             within=covariates is not None and name in covariates.within,
-            references=model.design.cells.environments,
+            references=cells.environments,
+            row=row,
+            subjects=len(present),
         )
-        row = np.zeros(model.locations)
-        # A slope of the model is for one SD of its covariate; this one is for one unit.
-        row[number * len(trials.parameters) + p] = 1.0 / sd
-        yield Contrast(parameter, slope, row, len(present))
 
 
-def _subjects_behind(
-    comparison: Comparison, keys: Sequence[CellKey], weights: Array, present: NDArray[np.bool_]
-) -> int:
-    """Count the subjects of a comparison, given who has trials in which cell, (N, C).
+def _subjects_behind(contrast: Contrast, cells: Cells, present: NDArray[np.bool_]) -> int:
+    """Count the subjects of a contrast, given who has trials in which cell, (N, C).
 
-    Any weighed cell will do, but a comparison within subjects needs both its sides at some
-    reference.
+    Any weighed cell will do, but a contrast within subjects needs both its sides at some reference.
     """
-    if not comparison.within:
-        return int(present[:, weights != 0.0].any(axis=1).sum())
+    if not contrast.within:
+        return int(present[:, contrast.weights != 0.0].any(axis=1).sum())
     subjects = np.zeros(len(present), dtype=bool)
-    for environment in comparison.references:
-        here = np.array([name == environment for name, _ in keys])
-        sides = [side for side in (here & (weights > 0.0), here & (weights < 0.0)) if side.any()]
-        subjects |= np.all([present[:, side].any(axis=1) for side in sides], axis=0)
+    for j in range(len(cells.environments)):
+        here = contrast.weights * (cells.environment == j)
+        sides = [side for side in (here > 0.0, here < 0.0) if side.any()]
+        if sides:
+            subjects |= np.all([present[:, side].any(axis=1) for side in sides], axis=0)
     return int(subjects.sum())
 
 
@@ -196,40 +176,29 @@ def _refuse_options(scene: Scene) -> None:
         raise UsageError(message, key=f"model.{key}", value=value, hint=hint)
 
 
-def _keys(data: Data, cells: Sequence[str]) -> tuple[CellKey, ...]:
-    """Environment and levels of cells."""
-    factors = data.sessions.factors
-    if factors is None:
-        return tuple((cell, ()) for cell in cells)
-    return tuple(factors.cells[cell] for cell in cells)
-
-
 def _cells(statistics: Statistics, data: Data) -> tuple[Cells, CellFactors]:
     """Cells and factors by number."""
     conditions = data.conditions
-    keys = _keys(data, statistics.environments)
-    environments = list(dict.fromkeys(environment for environment, _ in keys))
+    table = cells_of(data.sessions, statistics.environments)
+    environment, environments = pd.factorize(table[ENVIRONMENT])
     cells = Cells(
         names=statistics.environments,
-        environment=np.array([environments.index(environment) for environment, _ in keys]),
+        environment=environment,
         environments=tuple(environments),
         x=statistics.x,
     )
     levels: dict[str, tuple[str, ...]] = {}
     level: dict[str, NDArray[np.intp]] = {}
     all_levels = data.sessions.factors.levels if data.sessions.factors is not None else {}
-    for factor_number, (factor, names) in enumerate(all_levels.items()):
+    for factor, names in all_levels.items():
         if factor not in conditions.factors:
             continue
         # Levels of which no trial is left have no column.
-        used = {levels_of_cell[factor_number] for _, levels_of_cell in keys}
-        present = tuple(name for name in names if name in used)
-        if len(present) < 2:
+        present = pd.Categorical(table[factor], names).remove_unused_categories()
+        if len(present.categories) < 2:
             raise RefusalError("a factor has one level left in the data.")
-        levels[factor] = present
-        level[factor] = np.array(
-            [present.index(levels_of_cell[factor_number]) for _, levels_of_cell in keys]
-        )
+        levels[factor] = tuple(present.categories)
+        level[factor] = present.codes.astype(np.intp)
     factors = CellFactors(
         levels=levels,
         level=level,

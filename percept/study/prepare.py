@@ -17,14 +17,9 @@ from percept.inference.record import Kind
 from percept.inference.sampling.endpoints import mixture_limits
 from percept.results import Skipped
 from percept.study.basics import Array
+from percept.study.comparisons import Contrast
 from percept.study.data import Data
-from percept.study.linear import (
-    Contrast,
-    linear_model,
-    options_of,
-    own_trial_sds,
-    priors_of,
-)
+from percept.study.linear import linear_model, options_of, own_trial_sds, priors_of
 from percept.study.responses import NO_SCALE, ResponseScale, Trials, decades, refuse_no_ratio
 
 #: A Bayesian interval may be so many times as wide as the classical one: beyond it the data tell
@@ -51,9 +46,9 @@ class Prepared:
     @property
     def sums(self) -> list[tuple[list[Contrast], tuple[Kind, ...]]]:
         """Contrasts of locations and the kinds of their limits: users' own, then other ones."""
-        sums = [one for one in self.contrasts or () if not one.comparison.is_ratio]
-        of_users = [one for one in sums if one.comparison.is_of_users]
-        of_groups = [one for one in sums if not one.comparison.is_of_users]
+        sums = [one for one in self.contrasts or () if not one.is_ratio]
+        of_users = [one for one in sums if one.is_of_users]
+        of_groups = [one for one in sums if not one.is_of_users]
         kinds = self.data.asked.kinds
         return [found for found in ((of_users, kinds), (of_groups, ("mean",))) if found[0]]
 

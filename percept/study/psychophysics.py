@@ -1,19 +1,31 @@
-"""The psychophysics table, and whether biases are smaller than one JND: rows of any method.
+"""The psychophysics table: thresholds, components of variance and reliability, by both methods.
 
-The classical ones are made here, by t, χ², F and Fisher's z. SDs are of responses; a row says what
-they are in the quantity's unit.
+The classical rows are made by t, χ², F and Fisher's z. The Bayesian ones come from a fit, which has
+one model of all its quantities, or one for each. A model has P quantities in J environments and N
+subjects. Its P J cells stand quantity by quantity. All SDs are of responses, and a row says what
+they are in the quantity's unit:
+
+- `sigma_u`: between subjects, in the effect that a subject has in all environments;
+- `sigma`: between subjects, in what else each has in one environment (rows call it `sigma_w`);
+- `population_sd`: between users in one environment: both together, and effects of factors;
+- `sigma_e`: between trials of one subject, a typical one if subjects have trial SDs of their own;
+- `phi`: the log of a subject's trial SD over sigma_e, with the SD `omega_s`.
+
+There are S draws of the scales. Some R of them are independent, and stand for what takes long to
+draw or to solve. Given a draw a location is normal, so limits of slopes are roots of mixtures.
+Scales and reliabilities have quantiles of draws.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from percept.errors import RefusalError
-from percept.inference.classical.contrasts import tost
 from percept.inference.classical.variability import (
     Bounded,
     MeanSquares,
@@ -24,12 +36,20 @@ from percept.inference.classical.variability import (
     sd_interval,
     trial_mean_squares,
 )
-from percept.inference.record import FloatOrArray, Method
-from percept.results import Equivalence, EquivalenceRow, Measure, PsychophysicsRow, Skipped
-from percept.sessions.quantities import amount_in
+from percept.inference.record import Method
+from percept.results import Measure, PsychophysicsRow, Skipped
 from percept.study.basics import Array
-from percept.study.data import Cell, Data
+from percept.study.data import Data
 from percept.study.responses import Trials
+
+# The classical method does without the model.
+if TYPE_CHECKING:
+    from percept.inference.model.model import LinearModel
+    from percept.study.fit import Fit
+
+_Rows = Iterator[PsychophysicsRow]
+#: Draws, (S, cells) or (S, quantities), by what they are of.
+_Drawn = dict[Measure, Array]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,95 +64,86 @@ class Measured:
     unit: float = 1.0  # Of the quantity, or of its logarithm, per unit of response
     subject: str | None = None  # None of all subjects together
 
-    def rows(
-        self, measure: Measure, bounded: Bounded, *, approximate: bool = False
-    ) -> Iterator[PsychophysicsRow]:
+    def rows(self, measure: Measure, bounded: Bounded, *, approximate: bool = False) -> _Rows:
         """Yield what an estimate says: of SDs in the quantity's unit, of those of trials also JNDs.
 
-        SDs are of responses, and the rest are pure numbers.
+        Other SDs are of responses, or in the quantity's unit if these are differences. The rest are
+        pure numbers.
         """
-        if measure != "sd_subjects":
-            yield self._row(measure, bounded, approximate=approximate)
-        elif not math.isnan(self._reference):
-            yield self._row(measure, mapped(bounded, self._step), self._named_unit)
-        if measure == "sigma_e":
-            yield from self._thresholds(bounded)
+        data = self.data
+        log = data.asked.family == "lognormal"
+        reference = data.reference.get((self.parameter, self.environment or ""), math.nan)
+        is_component = measure.startswith("sigma") and data.sessions.form == "trials"
+        by_difference = is_component and data.by_difference(self.parameter)
 
-    def _thresholds(self, sd: Bounded) -> Iterator[PsychophysicsRow]:
-        """Yield the thresholds made of the SD between trials."""
-        if math.isnan(self._reference):
-            if self.subject is not None and not self._by_difference:
-                log = self.data.asked.family == "lognormal"
-                yield self._row("weber", mapped(sd, np.expm1) if log else sd)
-            return
-        step = mapped(sd, self._step)
-        yield self._row("jnd", step, self._named_unit)
-        size = abs(self._reference)
-        if size:
-            yield self._row("weber", mapped(step, lambda values: values / size))
+        def in_unit(sd: Array) -> Array:
+            return sd * self.unit
 
-    def _step(self, sd: Array) -> Array:
-        """Return how far SDs of responses lead from the reference, in the quantity's unit."""
-        size = sd * self.unit
-        if self.data.asked.family == "lognormal":
-            return np.asarray(self._reference * np.expm1(size))
-        return size
+        def from_reference(sd: Array) -> Array:
+            """How far SDs of responses lead from the reference, in the quantity's unit."""
+            return np.asarray(reference * np.expm1(in_unit(sd))) if log else in_unit(sd)
 
-    @property
-    def _named_unit(self) -> str:
-        """The quantity's unit."""
-        return self.data.quantities[self.parameter].unit
-
-    @property
-    def _reference(self) -> float:
-        """Reference in the quantity's unit; NaN over all environments."""
-        return self.data.reference.get((self.parameter, self.environment or ""), math.nan)
-
-    @property
-    def _by_difference(self) -> bool:
-        """Whether the quantity has a reference that is not positive."""
-        return self.data.sessions.form == "trials" and self.data.by_difference(self.parameter)
-
-    def _row(
-        self, measure: Measure, bounded: Bounded, unit: str = "", *, approximate: bool = False
-    ) -> PsychophysicsRow:
-        """Make a row; SDs of responses are in the quantity's unit if they are differences."""
-        if measure.startswith("sigma") and self._by_difference:
-            bounded = mapped(bounded, lambda values: values * self.unit)
-            unit = self._named_unit
-        return PsychophysicsRow(
-            environment=self.environment,
-            subject=self.subject,
-            parameter=self.parameter,
-            measure=measure,
-            method=self.method,
-            family=self.data.asked.family,
-            level=self.data.asked.level,
-            **vars(bounded),
-            unit=unit,
-            n=self.n,
-            approximate=approximate,
-        )
+        found: dict[Measure, Bounded] = {measure: bounded}
+        if by_difference:
+            found[measure] = mapped(bounded, in_unit)
+        if measure == "sd_subjects":
+            found[measure] = mapped(bounded, from_reference)
+            if math.isnan(reference):
+                return
+        elif measure == "sigma_e" and not math.isnan(reference):
+            found["jnd"] = mapped(bounded, from_reference)
+            if reference:
+                size = abs(reference)
+                found["weber"] = mapped(found["jnd"], lambda values: values / size)
+        elif measure == "sigma_e" and self.subject is not None and not by_difference:
+            found["weber"] = mapped(bounded, np.expm1) if log else bounded
+        for name, numbers in found.items():
+            has_unit = name in ("sd_subjects", "jnd") or (name == measure and by_difference)
+            yield PsychophysicsRow(
+                environment=self.environment,
+                subject=self.subject,
+                parameter=self.parameter,
+                measure=name,
+                method=self.method,
+                family=data.asked.family,
+                level=data.asked.level,
+                **vars(numbers),
+                unit=data.quantities[self.parameter].unit if has_unit else "",
+                n=self.n,
+                approximate=approximate,
+            )
 
 
 def mapped(bounded: Bounded, increasing: Callable[[Array], Array]) -> Bounded:
-    """Map an estimate and its limits; the limits' error follows."""
-    error = bounded.error or 0.0
-    lower = bounded.lower
-    upper = bounded.upper
+    """Map an estimate and its limits; the error of a convex function is largest above."""
+    error = bounded.error
+    highest = bounded.upper + (error or 0.0)
     with np.errstate(over="ignore"):
-        of_all = increasing(
-            np.array([bounded.estimate, lower, upper, lower + error, upper + error])
-        )
-    estimate, lower, upper, beyond_lower, beyond_upper = of_all.tolist()
-    if bounded.error is None:
-        return Bounded(estimate, lower, upper)
-    # Two infinite ends have no difference.
-    error = math.inf if math.isinf(upper) else max(beyond_lower - lower, beyond_upper - upper)
+        of_all = increasing(np.array([bounded.estimate, bounded.lower, bounded.upper, highest]))
+    estimate, lower, upper, highest = of_all.tolist()
+    if error is not None:
+        # Two infinite ends have no difference.
+        error = math.inf if math.isinf(upper) else highest - upper
     return Bounded(estimate, lower, upper, error)
 
 
-def classical_psychophysics(data: Data) -> Iterator[PsychophysicsRow]:
+def absent_jnds(data: Data) -> Iterator[Skipped]:
+    """Name the quantities and environments without a JND, and say why."""
+    for parameter in data.parameters:
+        what = f"JND of {data.quantities[parameter].label}"
+        try:
+            trials = data.trials(parameter, partial=True)
+        except RefusalError as refused:
+            yield Skipped(what, str(refused))
+            continue
+        names = np.array(trials.environments)
+        once = names[trials.counts.max(axis=0) == 1.0].tolist()
+        if once:
+            where = "" if len(once) == len(names) else f" in {', '.join(once)}"
+            yield Skipped(what + where, "it needs repeated trials")
+
+
+def classical_psychophysics(data: Data) -> _Rows:
     """Yield the classical rows; of published limits those of SDs only."""
     family = data.asked.family
     for parameter in data.parameters:
@@ -160,26 +171,9 @@ def classical_psychophysics(data: Data) -> Iterator[PsychophysicsRow]:
         if trials is not None:
             for j, environment in enumerate(trials.environments):
                 yield from _of_trials(by_environment[environment], trials, j)
-            yield from _over_all(by_environment[trials.environments[0]], trials)
+            yield from _components(by_environment[trials.environments[0]], trials)
     if len(data.parameters) == 2:
-        yield from _correlations(data)
-
-
-def absent_jnds(data: Data) -> Iterator[Skipped]:
-    """Name the quantities and environments without a JND, and say why."""
-    for parameter in data.parameters:
-        what = f"JND of {data.quantities[parameter].label}"
-        try:
-            trials = data.trials(parameter, partial=True)
-        except RefusalError as refused:
-            yield Skipped(what, str(refused))
-            continue
-        names = trials.environments
-        most = trials.counts.max(axis=0).tolist()
-        once = [name for name, count in zip(names, most, strict=True) if count == 1.0]
-        if once:
-            where = "" if len(once) == len(names) else f" in {', '.join(once)}"
-            yield Skipped(what + where, "it needs repeated trials")
+        yield from _classical_correlations(data)
 
 
 def _trials_if_any(data: Data, *parameters: str) -> Trials | None:
@@ -190,7 +184,7 @@ def _trials_if_any(data: Data, *parameters: str) -> Trials | None:
         return None
 
 
-def _of_trials(measured: Measured, trials: Trials, j: int) -> Iterator[PsychophysicsRow]:
+def _of_trials(measured: Measured, trials: Trials, j: int) -> _Rows:
     """Yield rows of repeated trials in environment j."""
     level = measured.data.asked.level
     df = float(trials.statistics.trial_df[j])
@@ -208,7 +202,7 @@ def _of_trials(measured: Measured, trials: Trials, j: int) -> Iterator[Psychophy
     yield from measured.rows("icc_1", reliability, approximate=bool(np.ptp(counts) > 0.0))
 
 
-def _over_all(measured: Measured, trials: Trials) -> Iterator[PsychophysicsRow]:
+def _components(measured: Measured, trials: Trials) -> _Rows:
     """Yield components of variance over all environments, of subjects who were in each."""
     level = measured.data.asked.level
     table = trials.statistics.cell_means[:, 0]
@@ -220,26 +214,26 @@ def _over_all(measured: Measured, trials: Trials) -> Iterator[PsychophysicsRow]:
     overall = dataclasses.replace(measured, environment=None, n=int(complete.sum()))
     yield from overall.rows("sigma_u", component_sd(squares, level=level), approximate=True)
     df = float(trials.statistics.trial_df.sum())
-    if df > 0.0:
-        trial_square = float(np.square(trials.statistics.trial_rows[0, 0]).sum()) / df
-        # What subjects differ by within environments, against what their trials differ by.
-        repeats = 1.0 / float(np.mean(1.0 / trials.counts[complete]))
-        within_environments = MeanSquares(
-            subjects=repeats * squares.error,
-            error=trial_square,
-            n=round(squares.error_df) + 1,
-            k=repeats,
-            error_df=df,
-        )
-        within = component_sd(within_environments, level=level)
-        yield from overall.rows("sigma_w", within, approximate=True)
-        yield from overall.rows("sigma_e", sd_interval(math.sqrt(trial_square), df, level=level))
-    else:
+    if df == 0.0:
         within = sd_interval(math.sqrt(squares.error), squares.error_df, level=level)
         yield from overall.rows("sigma_w", within)
+        return
+    trial_square = float(np.square(trials.statistics.trial_rows[0, 0]).sum()) / df
+    # What subjects differ by within environments, against what their trials differ by.
+    repeats = 1.0 / float(np.mean(1.0 / trials.counts[complete]))
+    within_environments = MeanSquares(
+        subjects=repeats * squares.error,
+        error=trial_square,
+        n=round(squares.error_df) + 1,
+        k=repeats,
+        error_df=df,
+    )
+    within = component_sd(within_environments, level=level)
+    yield from overall.rows("sigma_w", within, approximate=True)
+    yield from overall.rows("sigma_e", sd_interval(math.sqrt(trial_square), df, level=level))
 
 
-def _correlations(data: Data) -> Iterator[PsychophysicsRow]:
+def _classical_correlations(data: Data) -> _Rows:
     """Yield the correlation of both quantities between subjects, environment by environment."""
     trials = _trials_if_any(data, *data.parameters)
     if trials is None:
@@ -264,95 +258,133 @@ def _correlations(data: Data) -> Iterator[PsychophysicsRow]:
         yield from measured.rows("correlation", bounded, approximate=True)
 
 
-def classical_equivalence(data: Data) -> Iterator[EquivalenceRow | Skipped]:
-    """Yield whether biases are within one JND, by two one-sided tests of size 1 - decision."""
-    for cell in data.cells[data.asked.family]:
-        if cell.parameter in jnds_of(data):
-            yield _tested(data, cell)
+def posterior_psychophysics(fit: Fit) -> _Rows:
+    """Yield the Bayesian rows of a fit that passed."""
+    measured = []
+    cells = zip(fit.model.cells, fit.counts.tolist(), fit.scale.unit.tolist(), strict=True)
+    for (parameter, environment), n, unit in cells:
+        measured.append(
+            Measured(
+                data=fit.data,
+                method="bayesian",
+                parameter=parameter,
+                environment=environment,
+                n=n,
+                unit=unit,
+            )
+        )
+    population_sd = fit.moments.population_sd
+    yield from _bounded(fit, {"sd_subjects": population_sd}, measured)
+    parts = zip(fit.model.split(fit.every_point), fit.model.split(fit.points), strict=True)
+    first = 0
+    for (model, every_draw), (_, points) in parts:
+        last = first + len(model.cells)
+        of_cells = measured[first:last]
+        scales = scales_of(model, every_draw)
+        yield from _bounded(fit, _of_cells(scales, population_sd[:, first:last]), of_cells)
+        statistics = model.statistics
+        n = len(statistics.subjects)
+        over_all = []
+        for cell in of_cells[:: len(statistics.environments)]:
+            over_all.append(dataclasses.replace(cell, environment=None, n=n))
+        yield from _of_subjects(fit, model, scales, over_all)
+        yield from _slopes(fit, model, points, over_all)
+        yield from _bounded(fit, _over_all(model, scales), over_all)
+        if len(statistics.parameters) == 2:
+            users = model.joint(points, model.pair_rows).users
+            variances = np.diagonal(users, axis1=2, axis2=3)
+            draws = users[..., 0, 1] / np.sqrt(variances.prod(axis=2))
+            both = ", ".join(statistics.parameters)
+            pairs = [dataclasses.replace(cell, parameter=both) for cell in of_cells]
+            yield from _bounded(fit, {"correlation": draws}, pairs[: draws.shape[1]])
+        first = last
 
 
-def jnds_of(data: Data) -> Mapping[str, float | str]:
-    """JNDs that the scene gives, by quantity; none where no quantity has a reference."""
-    quantities = data.sessions.options.quantities.values()
-    has_reference = any(quantity.is_matched for quantity in quantities)
-    return data.scene.study.jnd if has_reference else {}
+def _bounded(fit: Fit, drawn: _Drawn, measured: Sequence[Measured]) -> _Rows:
+    """Yield the rows of draws of each quantity measured."""
+    for measure, draws in drawn.items():
+        for one, column in zip(measured, draws.T, strict=True):
+            yield from one.rows(measure, fit.limits_of_draws(column))
 
 
-def _tested(data: Data, cell: Cell) -> EquivalenceRow | Skipped:
-    """Judge a cell."""
-    asked = data.asked
-    what = f"classical verdict whether {cell.quantity.label} is within one JND"
-    if data.scene.study.jnd[cell.parameter] == "trials":
-        return Skipped(what, "a JND from trials has an error that the tests do not know")
-    if cell.moments is None:
-        return Skipped(f"{what} in {cell.environment}", cell.why)
-    where = (cell.parameter, cell.environment)
-    jnd = jnd_in_unit(data, where)
-    if isinstance(jnd, Skipped):
-        return jnd
-    ends = ends_of_jnd(data.reference[where], jnd, log=asked.family == "lognormal")
-    tests = tost(cell.moments.on_scale(asked.family), *ends.tolist())
-    size = 1.0 - asked.decision
-    return equivalence_row(
-        data,
-        where,
-        "classical",
-        jnd,
-        is_within=bool(tests.p_within <= size),
-        is_beyond=bool(tests.p_beyond <= size),
-        p_within=float(tests.p_within),
-        p_beyond=float(tests.p_beyond),
-    )
+def scales_of(model: LinearModel, points: Array) -> dict[str, Array]:
+    """Draws of a model's scales, by name: (S, P), (S, P, J) or (S, P, N).
+
+    With one environment there is no sigma_u: only the sum sigma_u² + sigma² is told by the data,
+    which is population_sd².
+    """
+    scales = {name: scale for name, (_, scale) in model.scales(points).items()}
+    if len(model.statistics.environments) == 1:
+        scales.pop("sigma_u", None)
+    return scales
 
 
-def jnd_in_unit(data: Data, where: tuple[str, str]) -> float | Skipped:
-    """Return the JND of a cell in the quantity's unit, or why there is none; not of trials."""
-    parameter, environment = where
-    quantity = data.quantities[parameter]
-    jnd = data.scene.study.jnd[parameter]
-    reference = data.reference[where]
-    what = f"whether {quantity.label} of {environment} is within one JND"
-    if math.isnan(reference):
-        return Skipped(what, "there is no reference")
-    if isinstance(jnd, str):
-        return amount_in(quantity, jnd)
-    if reference == 0.0:
-        return Skipped(what, "a fraction of a reference of zero is zero; give the JND in its unit")
-    return jnd * abs(reference)
+def _of_cells(scales: Mapping[str, Array], population_sd: Array) -> _Drawn:
+    """Draws of components of variance and reliability, in every cell.
+
+    ICC(1) is population_sd²/(population_sd² + the average variance between trials). phi is normal,
+    so a user's variance is on average exp(2 omega_s²) times sigma_e².
+    """
+    drawn: _Drawn = {}
+    shape = population_sd.shape
+    if "sigma_u" in scales:
+        drawn["sigma_w"] = scales["sigma"].reshape(shape)
+    if "sigma_e" in scales:
+        drawn["sigma_e"] = scales["sigma_e"].reshape(shape)
+        of_users = population_sd**2
+        of_trials = np.square(scales["sigma_e"])
+        if "omega_s" in scales:
+            of_trials = of_trials * np.exp(2.0 * scales["omega_s"] ** 2)[:, :, None]
+        drawn["icc_1"] = of_users / (of_users + of_trials.reshape(shape))
+    return drawn
 
 
-def ends_of_jnd(reference: float, jnd: FloatOrArray, *, log: bool) -> Array:
-    """Return the values one JND below and above a reference, or their logarithms."""
-    ends = np.stack([reference - np.asarray(jnd), reference + np.asarray(jnd)])
-    if not log:
-        return ends
-    with np.errstate(divide="ignore"):
-        # No positive value lies a whole reference below it.
-        return np.log(np.maximum(ends, 0.0))
+def _of_subjects(
+    fit: Fit, model: LinearModel, scales: Mapping[str, Array], over_all: Sequence[Measured]
+) -> _Rows:
+    """Yield each subject's own trial SD: the geometric mean over the cells of its groups."""
+    from percept.inference.model.predictions import cells_of_subjects
+
+    if "sigma_e" not in scales or "phi" not in scales:
+        return
+    cells = cells_of_subjects(model).T
+    weights = cells / cells.sum(axis=0)
+    trial_sd = np.exp(np.log(scales["sigma_e"]) @ weights + scales["phi"])  # (S, P, N)
+    for p, measured in enumerate(over_all):
+        of_subjects = []
+        for subject in model.statistics.subjects:
+            of_subjects.append(dataclasses.replace(measured, n=1, subject=subject))
+        yield from _bounded(fit, {"sigma_e": trial_sd[:, p]}, of_subjects)
 
 
-def equivalence_row(
-    data: Data,
-    where: tuple[str, str],
-    method: Method,
-    jnd: float | None,
-    *,
-    is_within: bool,
-    is_beyond: bool,
-    **evidence: float,
-) -> EquivalenceRow:
-    """Make the row of a verdict; `evidence` are p-values, or a probability and its error."""
-    parameter, environment = where
-    outcome: Equivalence = "beyond" if is_beyond else "too little data"
-    return EquivalenceRow(
-        environment=environment,
-        parameter=parameter,
-        method=method,
-        family=data.asked.family,
-        outcome="within" if is_within else outcome,
-        jnd=jnd,
-        unit=data.quantities[parameter].unit,
-        reference=data.reference[where],
-        decision=data.asked.decision,
-        **evidence,
-    )
+def _slopes(fit: Fit, model: LinearModel, points: Array, over_all: Sequence[Measured]) -> _Rows:
+    """Yield how the bias grows with the reference, where there are several."""
+    from percept.inference.model.predictions import trend_rows
+
+    several = np.ptp(model.statistics.x, axis=1) > 0.0
+    if not several.any():
+        return
+    # Trends of all levels of factors have the same slope: the first one's tells it.
+    _, slope_rows = next(iter(trend_rows(model).values()))
+    slopes = fit.limits_of_laws(model.moments(points, slope_rows))
+    _, sd_of_subjects = model.scales(points).get("sigma_v:trend", ((), None))
+    for p in np.flatnonzero(several).tolist():
+        yield from over_all[p].rows("gamma", slopes[p])
+        if sd_of_subjects is not None:
+            yield from _bounded(fit, {"sigma_slope": sd_of_subjects[:, [p]]}, [over_all[p]])
+
+
+def _over_all(model: LinearModel, scales: Mapping[str, Array]) -> _Drawn:
+    """Draws of components of variance over all environments, (S, P).
+
+    A subject's own trend over the x decades of the references is part of sigma_w².
+    """
+    if "sigma_u" not in scales:
+        return {}
+    within = np.square(scales["sigma"]).mean(axis=2)
+    if "sigma_v:trend" in scales:
+        within += scales["sigma_v:trend"] ** 2 * np.square(model.statistics.x).mean(axis=1)
+    drawn: _Drawn = {"sigma_u": scales["sigma_u"], "sigma_w": np.sqrt(within)}
+    if "sigma_e" in scales:
+        drawn["sigma_e"] = np.sqrt(np.square(scales["sigma_e"]).mean(axis=2))
+    return drawn

@@ -80,10 +80,10 @@ def test_three_factors_have_an_interaction_of_their_own():
     block = np.where(table["trial"] == 1, "early", "late")
     made = study(table.assign(block=block), bias="hand * load * block", inference=ASKED)
     found = prepare(made.data)
-    of_term = [own for own in found.contrasts if own.comparison.factor == "hand:load:block"]
-    assert [own.comparison.environment for own in of_term] == ["VE1", "VE2", "VE3", None]
+    of_term = [own for own in found.contrasts if own.factor == "hand:load:block"]
+    assert [own.environment for own in of_term] == ["VE1", "VE2", "VE3", None]
     second = of_term[1]
-    assert (second.comparison.first, second.comparison.second) == (
+    assert (second.first, second.second) == (
         "left, low, early",
         "right, high, late",
     )

@@ -101,7 +101,7 @@ def test_probabilities_and_d_z_are_those_of_draws():
     """Of the average and the next user, drawn from the posterior."""
     made = opened(frame(subjects=6), None, level=0.9, **(FITTED | {"kinds": ["mean", "user"]}))
     fit = made.fit
-    rows = np.array([own.row for own in fit.contrasts if own.comparison.is_of_users])
+    rows = np.array([own.row for own in fit.contrasts if own.is_of_users])
     points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
     averages, users = fit.model.draw(points, np.random.default_rng(1), rows)
     d_z = np.median(averages / fit.model.user_sds(points, rows), axis=0)

@@ -89,7 +89,7 @@ def test_terms_that_the_data_cannot_carry_are_refused_by_name(bias, model, chang
 def test_factors_that_are_not_in_spread_have_no_ratio():
     """The classical method has each factor's."""
     made = study(crossed(), bias="hand * load + group + dose", model={"spread": "hand"})
-    compared = [contrast.comparison for contrast in prepare(made.data).contrasts]
+    compared = prepare(made.data).contrasts
     assert {one.factor for one in compared if one.of == "spread"} == {"hand"}
     spreads = made.contrasts.query("of == 'spread'")
     assert set(spreads["factor"]) == {"hand", "load", "group"}
