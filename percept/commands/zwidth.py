@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from percept.commands import JSON, Command, argument
-from percept.commands.analysis import print_json, show
+from percept.commands.analysis import print_json, print_table, show
 from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
@@ -20,31 +20,23 @@ _STEP = 16
 
 def _zwidth(arguments: argparse.Namespace) -> None:
     """Print the edge and write its figure."""
-    from percept.results import plain
+    from percept.scene import Scene
+    from percept.study.device import device_draws, device_of, loop_of
+    from percept.study.rendering import z_width
 
-    width = _width(arguments.scene)
+    scene = Scene.load(arguments.scene)
+    device = device_of(scene)
+    if scene.device is None or device is None:
+        hint = "Give its mass, damping and period."
+        raise UsageError("there is no [device].", file=arguments.scene, hint=hint)
+    width = z_width(loop_of(scene.device, device), {}, device_draws(scene))
     if arguments.json:
-        print_json(plain(width))
+        print_json(width)
     else:
         _print(width)
     if arguments.out is not None:
         _draw(width, arguments.out)
         show(str(arguments.out))
-
-
-def _width(path: str) -> ZWidth:
-    """Compute the Z-width of a scene's device."""
-    from percept.scene import Scene
-    from percept.study.device import device_draws, device_of, loop_of
-    from percept.study.rendering import z_width
-
-    scene = Scene.load(path)
-    device = device_of(scene)
-    if scene.device is None or device is None:
-        raise UsageError(
-            "there is no [device].", file=path, hint="Give its mass, damping and period."
-        )
-    return z_width(loop_of(scene.device, device), {}, device_draws(scene))
 
 
 def _print(width: ZWidth) -> None:
@@ -56,17 +48,16 @@ def _print(width: ZWidth) -> None:
             " for what lies above its end."
         )
         return
-    show("With every passive hand, in time, directly or as a coupling with a rigid wall behind it:")
     show(
-        f"  up to {edge.stiffest:.6g} N/m (beside {edge.stiffest_damping:.4g} N·s/m), and up to"
+        "With every passive hand, in time, directly or as a coupling with a rigid wall behind it:"
+        f"\nup to {edge.stiffest:.6g} N/m (beside {edge.stiffest_damping:.4g} N·s/m), and up to"
         f" {edge.most_damping:.4g} N·s/m."
     )
-    show(f"  {'damping, N·s/m':>16}{'stiffness, N/m':>18}")
-    for damping, stiffness in zip(edge.damping[::_STEP], edge.stiffness[::_STEP], strict=True):
-        show(f"  {damping:>16.4g}{stiffness:>18.6g}")
+    rows = {"damping, N·s/m": edge.damping[::_STEP], "stiffness, N/m": edge.stiffness[::_STEP]}
+    print_table(rows, digits=6)
     if width.likely is not None:
         show(
-            f"  95 % of the device's posterior renders up to {width.likely.stiffest:.6g} N/m, and"
+            f"95 % of the device's posterior renders up to {width.likely.stiffest:.6g} N/m, and"
             f" up to {width.likely.most_damping:.4g} N·s/m."
         )
 
@@ -82,11 +73,7 @@ def _draw(width: ZWidth, path: Path) -> None:
             "the device's table does not tell what can be rendered, so there is no figure.",
             hint="State response_floor, or give mass and damping.",
         )
-    files, _ = drawn(drawings[0], ("svg",))
-    try:
-        path.write_bytes(files["svg"])
-    except OSError as error:
-        raise UsageError(f"cannot be written: {error.strerror}.", file=str(path)) from error
+    path.write_bytes(drawn(drawings[0])["svg"])
 
 
 ZWIDTH = Command(

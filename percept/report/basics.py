@@ -147,8 +147,8 @@ def bracketed(unit: str) -> str:
 
 def percentage(value: float, digits: int = 3) -> str:
     """Write a fraction as a percentage, "< 0.1 %" where it is less."""
-    if 0 < abs(value) < 0.001:
-        return ("< " if value > 0 else "> −") + "0.1\u202f%"
+    if 0 < value < 0.001:
+        return "< 0.1\u202f%"
     return f"{short(100 * value, digits)}\u202f%"
 
 
@@ -282,7 +282,7 @@ class Plot(NamedTuple):
 
     title: str  # What it shows, in a few words
     description: str  # What a reader who cannot see it should know
-    svg: str  # ``<svg>`` element for a page
+    image: str  # SVG, in base64
     formats: tuple[str, ...]  # Of the files written
 
 

@@ -114,9 +114,9 @@ def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
     words = results.data.words
     columns: Columns = {
         capitalised(words.environment): of("environment"),
-        "shift, largest": of("place.largest", 3, "percent"),
+        "shift, largest": of("place.largest", style="bias"),
         "at ω (rad/s)": of("place.omega", 3),
-        "shift, median": of("place.median", 3, "percent"),
+        "shift, median": of("place.median", style="bias"),
         "width ratio, farthest": of("width.largest", 3, "ratio"),
         "at ω, rad/s": of("width.omega", 3),
         "width ratio, median": of("width.median", 3, "ratio"),

@@ -93,10 +93,9 @@ def test_the_theme_button_turns_the_page(open_tab):
 
 
 def test_figures_follow_the_theme(open_tab):
-    line = (
-        "getComputedStyle(document.querySelector('#figure-overview svg [style*=classical]')).stroke"
-    )
-    assert open_tab().evaluate(line) != open_tab(dark=True).evaluate(line)
+    shown = "getComputedStyle(document.querySelector('#figure-overview img')).filter"
+    assert open_tab().evaluate(shown) == "none"
+    assert open_tab(dark=True).evaluate(shown).startswith("invert(1)")
 
 
 def test_a_column_sorts_by_its_numbers_and_back(open_tab):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import re
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
-from html import escape
 from importlib import resources
 from pathlib import Path
 from typing import Literal
@@ -24,7 +24,7 @@ from matplotlib.ticker import LogLocator
 from percept.report.basics import METHOD_NAMES, SUPERSCRIPT, Plot
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them
-# apart as well. The names come from the page's style sheet, where the dark page has its own values.
+# apart as well.
 COLOURS = {
     "ink": "#1c2127",
     "quiet": "#667079",
@@ -186,18 +186,8 @@ _NO_METADATA: dict[str, dict[str, str | None]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
 }
-_HEAD = re.compile(r"<svg[^>]*>")
-# matplotlib's rule for every element would hold for the whole page; the outer element hands it down
-# instead.
-_OWN_STYLE = re.compile(r"<defs>\s*<style.*?</style>\s*</defs>", re.DOTALL)
-_HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'
-# Text keeps its > escaped, so that these are the tags and nothing a user wrote.
-_TAG = re.compile(r"<[^>]*>")
-_ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
-_INDENT = re.compile(r"\s*\n\s*(?=<)")
 # Characters that XML cannot hold, even as references.
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ufffe\uffff]")
-_REFERENCE = re.compile(r'(?:url\(|href=")#([^)"]+)')
 
 
 def draw_all(
@@ -206,17 +196,18 @@ def draw_all(
     """Draw figures, write their files, and return them by name."""
     plots = {}
     for one in drawings:
-        files, svg = drawn(one, formats)
-        for form, content in files.items():
+        files = drawn(one, {"svg", *formats})
+        for form in formats:
             folder.mkdir(exist_ok=True)
-            (folder / f"{one.name}.{form}").write_bytes(content)
-        plots[one.name] = Plot(one.title, one.description, svg, tuple(files))
+            (folder / f"{one.name}.{form}").write_bytes(files[form])
+        image = base64.b64encode(files["svg"]).decode()
+        plots[one.name] = Plot(one.title, one.description, image, tuple(formats))
     return plots
 
 
-def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], str]:
-    """Draw a figure once; return its files by format, and an ``<svg>`` in the page's colours."""
-    # The salt makes the ids of clips and markers the figure's own: many figures share the page.
+def drawn(drawing: Drawing, formats: Collection[str] = ("svg",)) -> dict[str, bytes]:
+    """Draw a figure once; return its files by format."""
+    # Ids of clips and markers are made with salt: equal figures become equal files.
     salted = {**_STYLE, "svg.hashsalt": f"percept {drawing.name}"}
     with rc_context(salted), warnings.catch_warnings():
         # An SVG holds text as text; whoever shows it has more fonts.
@@ -231,47 +222,15 @@ def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], s
         # Once for all files. `savefig` would draw the figure once more for it.
         layout.execute(figure)
         figure.set_layout_engine(None)
-        files = {form: _saved(figure, form) for form in {"svg", *formats}}
-    files["svg"] = _described(drawing, files["svg"].decode()).encode()
-    return {form: files[form] for form in formats}, _inline(drawing, files["svg"].decode())
+        return {form: _saved(figure, form, drawing.title) for form in formats}
 
 
-def _saved(figure: Figure, form: str) -> bytes:
+def _saved(figure: Figure, form: str, title: str) -> bytes:
     buffer = io.BytesIO()
-    dpi = _POINTS if form == "svg" else _DPI
-    figure.savefig(buffer, format=form, metadata=_NO_METADATA[form], dpi=dpi)
-    return buffer.getvalue()
-
-
-def _described(drawing: Drawing, text: str) -> str:
-    """Put title and description into an SVG."""
-    label = f"svg-{drawing.name}"
-    words = (
-        f'<title id="{label}-title">{escape(drawing.title)}</title>'
-        f'<desc id="{label}-desc">{escape(drawing.description)}</desc>\n'
+    if form != "svg":
+        figure.savefig(buffer, format=form, metadata=_NO_METADATA[form], dpi=_DPI)
+        return buffer.getvalue()
+    figure.savefig(
+        buffer, format=form, metadata={**_NO_METADATA[form], "Title": title}, dpi=_POINTS
     )
-    described = _HEAD.sub(lambda head: f"{head[0]}\n{words}", text, count=1)
-    return _CONTROL.sub("\ufffd", described)
-
-
-def _inline(drawing: Drawing, text: str) -> str:
-    """Return an ``<svg>`` for the page: the page's colours, and only ids that something uses."""
-    inside = _OWN_STYLE.sub("", _HEAD.split(text)[1], count=1)
-    inside = _INDENT.sub("\n", inside).strip()
-    label = f"svg-{drawing.name}"
-    used = {f"{label}-title", f"{label}-desc", *_REFERENCE.findall(inside)}
-
-    def recoloured(found: re.Match[str]) -> str:
-        tag = found[0]
-        for name, colour in COLOURS.items():
-            tag = tag.replace(colour, f"var(--{name})")
-        # Ids that nothing refers to may hold a label, and a page's ids hold no spaces.
-        return _ID.sub(lambda one: one[0] if one[1][1:-1] in used else "", tag)
-
-    width = WIDTH * MM * _POINTS
-    height = drawing.height * MM * _POINTS
-    return (
-        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
-        f'viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
-        f'role="img" aria-labelledby="{label}-title {label}-desc">{_TAG.sub(recoloured, inside)}\n'
-    )
+    return _CONTROL.sub("\ufffd", buffer.getvalue().decode()).encode()
