@@ -218,13 +218,9 @@ def is_ratio(row: ContrastRow) -> bool:
 
 def level_figures(results: Results) -> dict[str, tuple[str, str]]:
     """Name a figure for each quantity and factor whose levels have means."""
-    found = {}
     means = matching(results.contrast, of="level", kind="mean")
-    pairs = dict.fromkeys((row.parameter, row.factor) for row in results.levels)
-    for number, (parameter, factor) in enumerate(pairs, start=1):
-        if matching(means, parameter=parameter, factor=factor):
-            found[f"levels_{parameter}_{number}"] = (parameter, factor)
-    return found
+    pairs = dict.fromkeys((row.parameter, row.factor) for row in means)
+    return {f"levels_{pair[0]}_{number}": pair for number, pair in enumerate(pairs, start=1)}
 
 
 def _contrast(results: Results) -> Section:

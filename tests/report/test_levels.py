@@ -30,50 +30,36 @@ def subjects_of(ax):
     return x, np.asarray(y)
 
 
-def intervals_of(ax, axis):
-    """Limits of the intervals that are drawn along an axis."""
-    data = [line.get_xdata() if axis == "x" else line.get_ydata() for line in ax.lines]
-    across = [line.get_ydata() if axis == "x" else line.get_xdata() for line in ax.lines]
-    return [
-        tuple(ends)
-        for ends, place in zip(data, across, strict=True)
-        if len(ends) == 2 and place[0] == place[1] and 0.0 != place[1] != 1.0
-    ]
+def intervals_of(ax):
+    """Limits of the upright intervals."""
+    lines = [line.get_data() for line in ax.lines]
+    return [tuple(y) for x, y in lines if len(y) == 2 and x[0] == x[1]]
 
 
-def test_a_line_per_subject_the_means_and_the_differences_of_the_contrasts():
+def test_a_line_per_subject_and_the_means_of_the_contrasts():
     results = results_of(study(frame(9, levels=("left", "right", "both"))))
     (drawing,) = level_drawings(results)
-    levels, differences = axes_of(drawing)
-    _, y = subjects_of(levels)
+    (ax,) = axes_of(drawing)
+    _, y = subjects_of(ax)
     overall = matching(results.levels, environment=None)
     expected = np.array([row.values for row in overall]).T
     np.testing.assert_array_equal(y.reshape(9, 4)[:, :3], expected)
     assert np.isnan(y.reshape(9, 4)[:, 3]).all()
     rows = [row for row in results.contrast if row.of == "level" and row.kind == "mean"]
-    assert intervals_of(levels, "y") == [(row.lower, row.upper) for row in rows]
-    assert [label.get_text() for label in levels.get_xticklabels()] == ["left", "right", "both"]
-    compared = [
-        row
-        for row in results.contrast
-        if (row.of, row.kind, row.environment) == ("bias", "mean", None)
-    ]
-    assert intervals_of(differences, "x") == [(row.lower, row.upper) for row in compared]
-    names = [label.get_text() for label in differences.get_yticklabels()]
-    assert names == [f"{row.second} : {row.first}" for row in compared]
+    assert intervals_of(ax) == [(row.lower, row.upper) for row in rows]
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["left", "right", "both"]
 
 
-def test_differences_stand_in_the_unit_of_the_data():
+def test_levels_stand_in_the_unit_of_the_data():
     table = frame(6).query("environment == 'VE1'")
     results = results_of(study(table, "normal"))
     (drawing,) = level_drawings(results)
-    levels, differences = axes_of(drawing)
-    assert levels.get_ylabel() == "stiffness − reference (N/m)"
-    assert differences.get_xlabel() == "difference (N/m)"
+    (ax,) = axes_of(drawing)
+    assert ax.get_ylabel() == "stiffness − reference (N/m)"
     reference = table["k_ref"].iloc[0]
-    (row,) = [row for row in results.contrast if (row.of, row.kind) == ("bias", "mean")]
-    ends = (reference * row.lower, reference * row.upper)
-    assert intervals_of(differences, "x") == [pytest.approx(ends)]
+    rows = [row for row in results.contrast if (row.of, row.kind) == ("level", "mean")]
+    ends = [(reference * row.lower, reference * row.upper) for row in rows]
+    assert intervals_of(ax) == [pytest.approx(one) for one in ends]
 
 
 def test_groups_stand_side_by_side_and_colour_the_lines_of_the_others():

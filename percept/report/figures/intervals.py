@@ -25,7 +25,7 @@ from percept.report.figures.canvas import (
     reference_line,
     shortened,
 )
-from percept.results import CellValues, ContrastRow, LevelValues, Results, Words
+from percept.results import CellValues, LevelValues, Results, Words
 from percept.sessions.quantities import Quantity
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +40,7 @@ _ROOM = 0.02  # at both ends of an axis, as a share of its length
 _LINE_HEIGHT = 1.9  # mm, of a bar or of the subjects
 _HEIGHT = 22.0  # mm, of title, axis and legend
 
-_LEVELS_HEIGHT = 58.0  # mm, of each of two panels
+_LEVELS_HEIGHT = 58.0  # mm
 #: Levels stand one unit apart: from a level to the intervals of its methods, beside the subjects.
 _BESIDE = {"classical": 0.2, "bayesian": 0.3}
 #: Half the width over which the subjects of a group are spread, in the same unit.
@@ -48,8 +48,6 @@ _SPREAD = 0.12
 _END = 0.5  # room at both ends of the levels, in the same unit
 _LEVELS_LETTERS = 60  # of all levels together
 _GROUP_COLOURS = ("quiet", "coupled", "warn", "ink")
-#: Pairs of levels that a figure compares; a table has all.
-_MOST_PAIRS = 6
 
 
 def draw_intervals(
@@ -197,64 +195,44 @@ def overview_drawings(results: Results) -> list[Drawing]:
 
 
 def level_drawings(results: Results) -> list[Drawing]:
-    """Return a figure per quantity and factor: subjects and means, and how the levels differ."""
+    """Return a figure per quantity and factor: what subjects set at each level, and the means."""
     words = results.data.words
     drawings = []
     for name, (parameter, factor) in level_figures(results).items():
-        quantity = results.data.quantities[parameter]
-        chosen = matching(results.levels, parameter=parameter, factor=factor)
+        rows = matching(results.levels, parameter=parameter, factor=factor, environment=None)
         drawings.append(
             Drawing(
                 name=name,
-                title=f"{quantity.head} at the levels of {factor}, and their differences",
-                description=f"Above: a {'line' if chosen[0].within else 'point'} for each"
-                f" {words.subject}, and the average {words.user} beside. Below: differences of the"
-                f" average {words.user}. Dashed: the reference, and no difference.",
-                height=2.0 * _LEVELS_HEIGHT,
-                draw=partial(_draw_factor, results=results, parameter=parameter, factor=factor),
+                title=f"{results.data.quantities[parameter].head} at the levels of {factor}",
+                description=f"A {'line' if rows[0].within else 'point'} for each {words.subject},"
+                f" and the average {words.user} beside. Dashed: the reference.",
+                height=_LEVELS_HEIGHT,
+                draw=partial(_draw_levels, rows=rows, results=results),
             )
         )
     return drawings
 
 
-def _draw_factor(figure: Figure, results: Results, parameter: str, factor: str) -> None:
-    """Draw the levels, and the differences below them where there are some."""
-    rows = matching(contrast_rows(results), parameter=parameter, factor=factor, kind="mean")
-    between = matching(rows, of="bias")
-    overall = matching(between, environment=None) or between
-    axes = panels(figure, 2 if overall else 1, columns=1)
-    _draw_levels(axes[0], matching(rows, of="level"), results)
-    axes[0].set_title(results.data.quantities[parameter].head, loc="left")
-    if overall:
-        _draw_differences(axes[1], overall)
-    legend(axes)
-
-
-def _draw_levels(ax: Axes, means: Sequence[ContrastRow], results: Results) -> None:
+def _draw_levels(figure: Figure, rows: Sequence[LevelValues], results: Results) -> None:
     """Draw each subject's values over the levels, and the average user beside them."""
+    (ax,) = panels(figure)
+    chosen = {"parameter": rows[0].parameter, "factor": rows[0].factor, "of": "level"}
+    means = matching(contrast_rows(results), **chosen, kind="mean")
     first = means[0]
     quantity = results.data.quantities[first.parameter]
-    chosen = matching(results.levels, parameter=first.parameter, environment=None)
-    rows = matching(chosen, factor=first.factor)
-    raw = matching(results.contrast, parameter=first.parameter, factor=first.factor, of="level")
+    raw = matching(results.contrast, **chosen)
     # Values are in the unit of report.json, as its contrasts.
     scale = first.estimate / raw[0].estimate if raw[0].estimate else 1.0
     values = scale * np.array([row.values for row in rows], dtype=float)
-    for index, (name, members) in enumerate(_groups(chosen, rows[0], results).items()):
+    for index, (name, members) in enumerate(_groups(rows[0], results).items()):
         colour = _GROUP_COLOURS[index % len(_GROUP_COLOURS)]
         _draw_subjects(ax, values[:, members], name, colour, within=rows[0].within)
     levels = [row.level for row in rows]
     for row in means:
         place = levels.index(row.second) + _BESIDE[row.method]
         limits = [row.lower, row.upper]
-        draw_interval(
-            ax,
-            place,
-            limits,
-            row.estimate,
-            row.method,
-            upright=True,
-        )
+        draw_interval(ax, place, limits, row.estimate, row.method, upright=True)
+    method_legend(ax, present(METHODS, means, "method"))
     log = is_ratio(first)
     if log:
         log_scale(ax, "y", plain=True)
@@ -265,14 +243,13 @@ def _draw_levels(ax: Axes, means: Sequence[ContrastRow], results: Results) -> No
     ax.grid(visible=False, axis="x")
     if quantity.is_matched:
         reference_line(ax, float(log), "y")
+    legend([ax])
 
 
-def _groups(
-    rows: Sequence[LevelValues], drawn: LevelValues, results: Results
-) -> dict[str, NDArray[np.bool_]]:
+def _groups(drawn: LevelValues, results: Results) -> dict[str, NDArray[np.bool_]]:
     """Return the subjects of each level of the first factor between groups, else all of them."""
-    between = matching(rows, within=False)
-    of_groups = matching(between, factor=between[0].factor) if between else []
+    chosen = matching(results.levels, parameter=drawn.parameter, environment=None, within=False)
+    of_groups = matching(chosen, factor=chosen[0].factor) if chosen else []
     if len(of_groups) < 2 or of_groups[0].factor == drawn.factor:
         return {f"one {results.data.words.subject}": np.ones(len(drawn.values), dtype=bool)}
     return {row.level: np.array([one is not None for one in row.values]) for row in of_groups}
@@ -295,23 +272,3 @@ def _draw_subjects(ax: Axes, values: FloatArray, name: str, colour: str, *, with
         color=COLOURS[colour],
         label=name,
     )
-
-
-def _draw_differences(ax: Axes, contrasts: Sequence[ContrastRow]) -> None:
-    """Draw contrasts of the levels, both methods, with the line of no difference."""
-    pairs = list(dict.fromkeys((row.first, row.second) for row in contrasts))[:_MOST_PAIRS]
-    for row in contrasts:
-        if (row.first, row.second) in pairs:
-            place = -(pairs.index((row.first, row.second)) + _BESIDE[row.method])
-            draw_interval(ax, place, [row.lower, row.upper], row.estimate, row.method)
-    log = is_ratio(contrasts[0])
-    reference_line(ax, float(log))
-    if log:
-        log_scale(ax, "x", plain=True)
-    sign = ":" if log else "−"
-    names = [f"{second} {sign} {first}" for first, second in pairs]
-    ax.set_yticks([-index - 0.25 for index in range(len(pairs))], shortened(names, 30))
-    ax.set_ylim(-len(pairs) + 0.2, 0.3)
-    ax.set_xlabel("ratio" if log else f"difference{bracketed(contrasts[0].unit)}")
-    method_legend(ax, present(METHODS, contrasts, "method"))
-    ax.grid(visible=False, axis="y")
