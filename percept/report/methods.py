@@ -27,14 +27,28 @@ from percept.report.basics import (
     short,
     without_ratios,
 )
-from percept.results import Results
+from percept.results import Diagnostics, Results
 
 _CLASSICAL = {
     "mean": "t-intervals of the mean",
     "user": "prediction intervals of the next {0}",
     "share": "exact two-sided tolerance intervals",
 }
-
+#: Parts of the hierarchical model, by the prior that a model with this part has.
+_MODEL = {
+    "alpha_sd": "a common bias",
+    "gamma_sd": "a regression of bias on the logarithm of the reference",
+    "tau_scale": "a deviation for each {environment}",
+    "lambda_sd": "differences between the levels of factors",
+    "covariate_sd": "slopes on covariates",
+    "sigma_u_scale": "effects of each {subject}",
+    "sigma_trend_scale": "a trend over the reference for each {subject}",
+    "log_s_sd": "scatter between {subjects} within each {environment}",
+    "kappa_sd": "a trend of this scatter over the reference",
+    "log_s_e_sd": "scatter between trials",
+    "omega_s_scale": "trial SDs that differ between {subjects}",
+    "rho_shape": "correlations of the quantities",
+}
 
 #: The key of a work, before it becomes a number.
 _KEY = re.compile(r"\[\w+\]")
@@ -144,34 +158,27 @@ def _span(counts: tuple[int, int]) -> str:
 
 
 def _fitted(results: Results) -> Iterator[str]:
-    """Say which intervals there are, of which model."""
+    """Say which intervals there are, and by which model."""
     words = results.data.words
-    used = distinct(results.intervals, "method")
     kinds = present(KINDS, results.intervals, "kind")
     if not kinds:
         return
     what = "Realistic performance boundaries" if results.boundaries else "Intervals"
     boundaries = " [boundaries]" if makes_impedance(results) else ""
     yield f"{what}{boundaries} were derived with percept {__version__} [percept]."
-    if "classical" in used:
+    if matching(results.intervals, method="classical"):
         named = listed([_CLASSICAL[kind].format(words.user) for kind in kinds])
-        families = {"normal"}
-        absolute = without_ratios(results.intervals)
-        for row in matching(results.intervals, method="classical"):
-            # Lognormal limits of what has references of zero are in the tables alone.
-            if row.parameter not in absolute:
-                families.add(row.family)
+        families = " and for ".join(dict.fromkeys((family_of(results), "normal")))
         design = results.data.design
         repeats = ""
         if design and design.trials[1] > 1:
             repeats = f"; each {words.subject} counts once, by the mean of the trials"
         yield (
-            f"Classical intervals are {named} [meeker2017], for"
-            f" {' and for '.join(sorted(families, reverse=True))} values, each equal-tailed"
-            f"{repeats}."
+            f"Classical intervals are {named} [meeker2017], for {families} values, each"
+            f" equal-tailed{repeats}."
         )
-    if "bayesian" in used:
-        yield from _sampled(results)
+    if matching(results.intervals, method="bayesian") and results.diagnostics:
+        yield from _sampled(results, results.diagnostics)
     inference = results.provenance.scene["inference"]
     said = f"The level is {percent(inference['level'])}"
     if "share" in kinds:
@@ -182,18 +189,16 @@ def _fitted(results: Results) -> Iterator[str]:
     yield f"{said}."
 
 
-def _sampled(results: Results) -> Iterator[str]:
+def _sampled(results: Results, diagnostics: Diagnostics) -> Iterator[str]:
     """Say which model was sampled, how, and how accurately."""
-    model = results.provenance.scene["model"]
     sampler = (
         "emcee [emcee] by independent proposals and preconditioned Crank–Nicolson"
         " steps [cotter2013]"
     )
-    if model["pooling"] == "partial":
+    if diagnostics.priors:
         response = "logarithm of the ratio of adjustment to reference"
         if family_of(results) != "lognormal":
             response = "value" if gives_means(results) else "deviation from the reference"
-            response += f" ({_scaled(results)})"
         yield (
             f"Bayesian intervals come from a hierarchical model of the {response}:"
             f" {model_words(results)}. All locations were integrated out exactly; the scales and"
@@ -205,62 +210,54 @@ def _sampled(results: Results) -> Iterator[str]:
             f"Bayesian intervals come from a model of each {results.data.words.environment} and"
             f" parameter by itself with the reference prior, sampled with {sampler}."
         )
-    diagnostics = results.diagnostics
-    if diagnostics is None:
-        return
     gate = diagnostics.gate
-    start = "Sampling went on until"
-    reached = f"at most {diagnostics.tolerance:g} of its interval’s half-width"
-    if not gate.tolerance_met and gate.worst_error is not None:
-        start = "Sampling ended when"
-        reached = (
-            f"at most {short(gate.worst_error, 3)} of its interval’s half-width, where"
-            f" {diagnostics.tolerance:g} was asked"
-        )
+    reached = max(gate.worst_error or 0.0, diagnostics.tolerance)
     yield (
-        f"{start} the Monte Carlo standard error of every limit of the Bayesian intervals was"
-        f" {reached}, with rank R̂ [vehtari2021] below {gate.rhat_limit} across"
-        f" {diagnostics.ensembles} separately seeded ensembles."
+        "Sampling ended when the Monte Carlo standard error of every limit of the Bayesian"
+        f" intervals was at most {short(reached)} of its interval’s half-width, where"
+        f" {diagnostics.tolerance:g} was asked, with rank R̂ [vehtari2021] below"
+        f" {gate.rhat_limit} across {diagnostics.ensembles} separately seeded ensembles."
     )
-    changed = [prior for prior in diagnostics.priors if prior.prior in model.get("priors", {})]
-    if changed:
-        said = listed([f"the {prior.meaning} was {short(prior.value, 4)}" for prior in changed])
-        yield f"Of the priors, {said}; all others are percept’s defaults."
-    else:
-        yield "All priors are percept’s defaults."
+    given = results.provenance.scene["model"].get("priors", {})
+    changed = [f"{one.prior} = {short(one.value, 4)}" for one in diagnostics.priors]
+    changed = [said for said in changed if said.partition(" ")[0] in given]
+    but = f" but for {listed(changed)}" if changed else ""
+    yield f"All priors are percept’s defaults{but}."
+
+
+def model_words(results: Results) -> str:
+    """Say what the hierarchical model is made of, by the priors in force."""
+    in_force = distinct(results.diagnostics.priors if results.diagnostics else (), "prior")
+    parts = [said for prior, said in _MODEL.items() if prior in in_force]
+    if without_ratios(results.intervals) >= results.data.quantities.keys():
+        # References of zero and below have no logarithm, and no trend.
+        parts = [said for said in parts if "reference" not in said]
+    return listed(parts).format(**vars(results.data.words))
 
 
 def _compared(results: Results) -> Iterator[str]:
     """Say how levels of factors were compared."""
     rows = results.contrast
-    if not rows:
-        return
-    words = results.data.words
-    by = distinct(rows, "method")
-    if results.levels and "classical" in by:
+    subjects = results.data.words.subjects
+    factors = listed(distinct(results.levels, "factor"))
+    if factors and matching(rows, method="classical"):
         measure = "log ratios" if family_of(results) == "lognormal" else "differences"
         how = []
         if matching(rows, within=True):
             how.append(
-                f"paired t-intervals of the {measure} within each {words.subject}, and their"
-                " spreads by Pitman’s and Morgan’s test"
+                f"paired t-intervals of the {subjects}’ own {measure}, and their spreads by"
+                " Pitman’s and Morgan’s test"
             )
         if matching(rows, within=False):
             how.append("groups by Welch’s intervals, and their spreads by F intervals")
-        factors = listed(distinct(results.levels, "factor"))
         yield f"Levels of {factors} were compared by {'; '.join(how)}."
     if results.anova:
         yield (
-            f"Analysis of variance of the {possessive(words.subjects)} means tested all levels of a"
+            f"Analysis of variance of the {possessive(subjects)} means tested all levels of a"
             " term at once, with Greenhouse’s and Geisser’s correction [greenhouse1959]."
         )
-    if "bayesian" in by:
+    if matching(rows, method="bayesian"):
         yield "One hierarchical model of all cells gave the Bayesian contrasts."
-    slopes = matching(rows, of="slope")
-    if slopes:
-        yield f"Covariates, about their means, were {listed(distinct(slopes, 'factor'))}."
-    if chosen := distinct(matching(slopes, within=True), "factor"):
-        yield f"Each {words.subject} has a slope of their own on {listed(chosen)}."
 
 
 def _displayed(results: Results) -> Iterator[str]:
@@ -268,22 +265,17 @@ def _displayed(results: Results) -> Iterator[str]:
     scene = results.provenance.scene
     words = results.data.words
     if results.boundaries:
-        device = scene["device"]
-        averages = device.get("hold", "average") == "average"
-        hold = "an averaging hold" if averages else "the true zero-order hold"
-        frequency = scene["frequency"]
+        device = scene["device"] | scene["device"].get("velocity_filter", {})
+        known = {name: one for name, one in device.items() if one and not isinstance(one, dict)}
+        described = [
+            f"{name.replace('_', ' ')} {len(one) if isinstance(one, list) else one}"
+            for name, one in known.items()
+        ]
         yield (
-            f"Boundaries of |Z_h| were computed with Tustin’s discretization and {hold} at a"
-            f" sampling period of {device['period']:g} s{_device(results)}, from"
-            f" {frequency['lower']:g} to {frequency['upper']:g} rad/s."
+            "Boundaries of |Z_h| were computed with Tustin’s discretization from"
+            f" {scene['frequency']['lower']:g} to {scene['frequency']['upper']:g} rad/s. The"
+            f" device, in SI units and samples: {', '.join(described)}."
         )
-        if "velocity_filter" in device:
-            low_pass = device["velocity_filter"]
-            yield (
-                "The damper that joins the device acts on a velocity behind a Butterworth filter"
-                f" of {low_pass['cutoff']:g} rad/s and order {low_pass['order']}. Boundaries take k"
-                " and b as adjusted."
-            )
         errors = [curve.error for curve in results.boundaries if curve.error is not None]
         if errors:
             yield (
@@ -300,88 +292,13 @@ def _displayed(results: Results) -> Iterator[str]:
             f" |Z_h| and by effective stiffness and damping, with a {sure} of"
             f" {percent(verdict.decision)} or more."
         )
-    if results.coupling and scene.get("coupling"):
+    if results.coupling:
         yield (
             f"The virtual coupling ({results.coupling.stiffness:g} N/m,"
             f" {results.coupling.damping:g} N·s/m) was judged by Eq. 10, Llewellyn’s"
             f" criterion [adams1999]. What the device renders was judged in time,"
             f" with every passive hand [colgate1997]."
         )
-
-
-def _device(results: Results) -> str:
-    """Name the loop and the device that boundaries are of."""
-    device = results.provenance.scene["device"]
-    said = ""
-    if device.get("delay"):
-        said += f", with a loop delay of {device['delay']:g} samples"
-    elif device.get("delay_seconds"):
-        said += f", with a loop delay of {device['delay_seconds']:g} s"
-    if device.get("mass") is None:
-        return f"{said} for the measured impedance of the device"
-    said += f" for a device of {device['mass']:g} kg and {device['damping']:g} N·s/m"
-    if device.get("stiffness"):
-        said += f" on a spring of {device['stiffness']:g} N/m"
-    if device.get("modes"):
-        said += f" with {counted(len(device['modes']), 'flexible mode')}"
-    return said
-
-
-def _scaled(results: Results) -> str:
-    """Say in what the responses of the normal family are measured."""
-    scales = results.provenance.scene["model"]["scale"]
-    parts = []
-    absolute = without_ratios(results.intervals)
-    for name, quantity in results.data.quantities.items():
-        size = quantity.amount(scales[name]) if name in scales else "its unit"
-        if name not in absolute:
-            size = "the reference"
-        parts.append(f"{quantity.label} over {size}")
-    return listed(parts)
-
-
-def model_words(results: Results) -> str:
-    """Say what the hierarchical model is made of; data and scene leave parts of it out."""
-    model = results.provenance.scene["model"]
-    words = results.data.words
-    parameters = distinct(results.intervals, "parameter")
-    names = [results.data.quantities[parameter].label for parameter in parameters]
-    pair = len(names) == 2
-    sessions = results.data.form == "trials"
-    several = len(results.data.environments) > 1
-    parts = ["a bias"]
-    if several:
-        parts = [f"{_trend(results)} with a deviation for each {words.environment}"]
-    if sessions and several and model["subject_effect"]:
-        both = f" and correlated between {' and '.join(names)}" if pair else ""
-        parts.append(f"{words.subject} effects shared by all {words.environments}{both}")
-    in_force = results.diagnostics.priors if results.diagnostics else ()
-    if matching(in_force, prior="sigma_trend_scale"):
-        parts.append(f"a trend over the reference for each {words.subject}")
-    scatter = f"between-{words.subject} scatter"
-    if several and model["common_spread"]:
-        scatter += f" equal in all {words.environments}"
-    elif several:
-        scatter += f" within each {words.environment}"
-    if several and model["weber"]:
-        scatter += (
-            f", in proportion to the reference but for each {words.environment}’s own deviation"
-        )
-    if matching(in_force, prior="omega_s_scale"):
-        scatter += f", with trial SDs that differ between {words.subjects}"
-    by_itself = f" ({' and '.join(names)} each by itself)" if pair and not sessions else ""
-    return f"{', '.join(parts)}, and {scatter}{by_itself}"
-
-
-def _trend(results: Results) -> str:
-    """Say what joins the biases: no reference of zero or below has a logarithm."""
-    trend = "a regression of bias on the logarithm of the reference"
-    quantities = results.data.quantities
-    absolute = without_ratios(results.intervals)
-    relative = [quantity.label for name, quantity in quantities.items() if name not in absolute]
-    if len(relative) == len(quantities):
-        return trend
-    return f"{trend} ({listed(relative)}) or a common bias" if relative else "a common bias"
 
 
 @cache

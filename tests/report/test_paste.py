@@ -137,14 +137,11 @@ def offsets():
 
 
 def test_methods_of_zero_references_speak_of_no_logarithm(offsets):
-    assert model_words(offsets).startswith("a common bias with a deviation for each illusion, ")
+    assert model_words(offsets).startswith("a common bias, a deviation for each illusion, ")
     paragraph = " ".join(methods_paragraph(offsets))
     assert "logarithm" not in paragraph
     assert "lognormal" not in paragraph
-    assert (
-        "Of the priors, the SD of the common bias alpha (response scale) was 2; all others are"
-        " percept’s defaults."
-    ) in paragraph
+    assert "All priors are percept’s defaults but for alpha_sd = 2." in paragraph
 
 
 def test_what_is_above_zero_is_not_called_too_high(offsets):

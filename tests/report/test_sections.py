@@ -9,14 +9,11 @@ import re
 import pytest
 from matplotlib.figure import Figure
 
-from percept import Scene
 from percept.report.decisions import coupling_sentences
 from percept.report.figures import drawings
 from percept.report.methods import bibtex, cited, model_words
 from percept.report.overview import findings
-from percept.results import IntervalRow, Prior
-from percept.sessions.quantities import IMPEDANCE
-from tests.documents import EMPTY, as_results, build_document, page_of, parts_of, sections_of
+from tests.documents import as_results, build_document, page_of, parts_of, sections_of
 from tests.study.checked import study_of, table_of
 
 END = {
@@ -63,67 +60,20 @@ def test_couplings_that_feel_real_are_named_with_their_span(both):
     ]
 
 
-REGRESSION = (
-    "a regression of bias on the logarithm of the reference with a deviation for each environment"
-)
-SHARED = "subject effects shared by all environments"
-PAIR = " and correlated between stiffness and damping"
-WITHIN = "between-subject scatter within each environment"
-
-
-def model_of(*, form="trials", environments=3, parameters=("k", "b"), diagnostics=None, **model):
-    scene = Scene(
-        model=model, inference={"method": "bayesian"}, study={"subject": ["subject", "subjects"]}
+def test_the_model_that_was_fitted_is_named(both):
+    results = as_results(both)
+    assert model_words(results) == (
+        "a common bias, a regression of bias on the logarithm of the reference, a deviation for"
+        " each environment, effects of each subject, a trend over the reference for each subject,"
+        " scatter between subjects within each environment, a trend of this scatter over the"
+        " reference and correlations of the quantities"
     )
-    row = IntervalRow(
-        environment="VE0", parameter="k", kind="mean", method="bayesian", family="lognormal",
-        joint="marginal", level=0.99, share=None, confidence=None, lower=4.0, upper=6.0,
-        estimate=5.0, n=6, unit="", reference=5.0, covers="",
-    )  # fmt: skip
-    data = dataclasses.replace(
-        EMPTY.data, form=form, parameters=parameters,
-        quantities={p: IMPEDANCE[p] for p in parameters},
-        environments=tuple(f"VE{j}" for j in range(environments)),
-    )  # fmt: skip
-    results = dataclasses.replace(
-        EMPTY, data=data,
-        provenance=dataclasses.replace(EMPTY.provenance, scene=scene.to_dict()),
-        intervals=tuple(dataclasses.replace(row, parameter=p) for p in parameters),
-        diagnostics=diagnostics,
-    )  # fmt: skip
-    return model_words(results)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({}, f"{REGRESSION}, {SHARED}{PAIR}, and {WITHIN}"),
-        ({"parameters": ("k",)}, f"{REGRESSION}, {SHARED}, and {WITHIN}"),
-        ({"environments": 1}, "a bias, and between-subject scatter"),
-        ({"form": "summary"}, f"{REGRESSION}, and {WITHIN} (stiffness and damping each by itself)"),
-        ({"subject_effect": False}, f"{REGRESSION}, and {WITHIN}"),
-        (
-            {"common_spread": True},
-            f"{REGRESSION}, {SHARED}{PAIR}, and between-subject scatter equal in all environments",
-        ),
-        (
-            {"weber": True, "parameters": ("b",)},
-            (
-                f"{REGRESSION}, {SHARED}, and {WITHIN}, "
-                "in proportion to the reference but for each environment’s own deviation"
-            ),
-        ),
-    ],
-)
-def test_the_model_that_was_fitted_is_named(given, said):
-    assert model_of(**given) == said
-
-
-def test_subjects_own_trial_sds_are_named(both):
-    prior = Prior(prior="omega_s_scale", value=0.5, meaning="")
-    diagnostics = dataclasses.replace(as_results(both).diagnostics, priors=(prior,))
-    said = model_of(diagnostics=diagnostics)
-    assert said.endswith(f"{WITHIN}, with trial SDs that differ between subjects")
+    # What a simpler model lacks has no prior in force.
+    priors = [prior for prior in results.diagnostics.priors if prior.prior != "kappa_sd"]
+    weber = dataclasses.replace(results.diagnostics, priors=tuple(priors))
+    assert "trend of this scatter" not in model_words(
+        dataclasses.replace(results, diagnostics=weber)
+    )
 
 
 @pytest.fixture(scope="module")
