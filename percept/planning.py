@@ -22,16 +22,13 @@ from percept.html import NotebookRecord
 from percept.inference.classical.fiducial import noncentral_t_tail, tost_power
 from percept.inference.classical.intervals import factor_of_tails
 from percept.inference.classical.moments import check_option, tail_of
-from percept.inference.record import Family, Kind, percent
+from percept.inference.record import Family, percent
 
 __all__ = [
-    "ContrastPlan",
-    "EquivalencePlan",
-    "PilotPlan",
     "Plan",
+    "pilot_sds",
     "plan_contrast",
     "plan_equivalent",
-    "plan_from_pilot",
     "plan_mean",
     "plan_share",
     "plan_user",
@@ -48,40 +45,14 @@ _SURE_OF_PILOT = 0.8
 
 @dataclass(frozen=True, kw_only=True)
 class Plan(NotebookRecord):
-    """The number of subjects for a wanted width, and how sure it is."""
+    """A number of subjects, and what it promises."""
 
-    kind: Kind  # What the planned interval covers
-    n: int  # Subjects
-    assurance: float  # Probability that a study of `n` subjects reaches the width
-    expected: float  # Average over studies of the width, in the terms of `wanted`
-    #: Kind "mean": half-width, in the unit of the SD ("lognormal": as a fraction); others: width
-    #: over that of a known population.
-    wanted: float
-    level: float  # Level of the interval
-    share: float | None = None  # Kind ``"share"``: share of users held
-    family: Family = "normal"  # Distribution between users
-
-    @property
-    def covers(self) -> str:
-        """One plain sentence saying what the plan promises."""
-        level = percent(self.level)
-        if self.kind == "share":
-            interval = (
-                f"the interval of {percent(self.share or 0.0)} of all users, with {level}"
-                " confidence,"
-            )
-        else:
-            interval = (
-                f"the {level} interval of the {'average' if self.kind == 'mean' else 'next'} user"
-            )
-        if self.kind != "mean":
-            width = f"at most {self.wanted:.4g} times as wide as that of a known population"
-        elif self.family == "lognormal":
-            width = f"within a factor {1.0 + self.wanted:.4g} of the estimate either way"
-        else:
-            width = f"at most ± {self.wanted:.4g} wide"
-        sure = percent(self.assurance, digits=4)
-        return f"With {self.n} subjects, {interval} is {width} in {sure} of studies."
+    n: int  # Subjects; in each group where there are two
+    assurance: float  # Probability that a study of `n` subjects reaches what is wanted
+    #: Average over studies of the width (half-width of a mean or contrast), in the terms of what is
+    #: wanted; None of an equivalence.
+    expected: float | None
+    covers: str  # What the plan promises, in plain words
 
 
 def plan_mean(
@@ -96,27 +67,30 @@ def plan_mean(
     _check(family, half_width=half_width, sd=sd)
     half_tail = tail_of(level) / 2.0
     log = family == "lognormal"
-    found = _smallest(
+    n, reached, expected = _smallest(
         lambda n: -special.stdtrit(n - 1.0, half_tail) / np.sqrt(n),
         float(np.log1p(half_width)) if log else half_width,
         float(np.sqrt(np.log1p(sd**2))) if log else sd,
         assurance,
     )
+    width = f"at most ± {half_width:.4g} wide"
     if log:
-        found["expected"] = float(np.expm1(found["expected"]))
-    return Plan(kind="mean", wanted=half_width, level=level, family=family, **found)
+        expected = float(np.expm1(expected))
+        width = f"within a factor {1.0 + half_width:.4g} of the estimate either way"
+    what = f"the {percent(level)} interval of the average user is {width}"
+    return Plan(n=n, assurance=reached, expected=expected, covers=_promise(n, what, reached))
 
 
 def plan_user(ratio: float, *, level: float = 0.99, assurance: float = 0.8) -> Plan:
     """Find the n for which the prediction interval is close to the population's own."""
     half_tail = tail_of(level) / 2.0
-    found = _smallest_ratio(
+    return _plan_ratio(
         lambda n: -special.stdtrit(n - 1.0, half_tail) * np.sqrt(1.0 + 1.0 / n),
         ratio,
         half_tail,
         assurance,
+        f"the {percent(level)} interval of the next user",
     )
-    return Plan(kind="user", wanted=ratio, level=level, **found)
 
 
 def plan_share(
@@ -125,47 +99,13 @@ def plan_share(
     """Find the n for which the tolerance interval is close to the population's own."""
     beta = tail_of(share, "share")
     alpha = tail_of(confidence, "confidence")
-    found = _smallest_ratio(lambda n: factor_of_tails(n, beta, alpha), ratio, beta / 2.0, assurance)
-    return Plan(kind="share", wanted=ratio, level=confidence, share=share, **found)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ContrastPlan(NotebookRecord):
-    """The number of subjects that shows a difference of two levels or groups."""
-
-    n: int  # Subjects, in each group where there are two
-    power: float  # Probability that the interval of a study of `n` subjects leaves zero out
-    difference: float  # True one, in the unit of the SD ("lognormal": as a fraction)
-    expected: float  # Average half-width of the interval, in the terms of `difference`
-    level: float  # Of the interval
-    family: Family
-    groups: bool  # Whether different subjects are compared
-
-    @property
-    def covers(self) -> str:
-        """One plain sentence saying what the plan promises."""
-        subjects = f"With {self.n} subjects"
-        if self.groups:
-            subjects += " in each group"
-        size = f"a difference of {self.difference:.4g}"
-        width = f"± {self.expected:.3g} wide"
-        if self.family == "lognormal":
-            size = f"a difference of {percent(self.difference)}"
-            width = f"within a factor {1.0 + self.expected:.3g} of the estimate either way"
-        sure = percent(self.power, digits=4)
-        return (
-            f"{subjects}, {size} is shown by the {percent(self.level)} interval in {sure} of"
-            f" studies. The interval is {width} on average."
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class PilotPlan:
-    """Plans of the next study by the SDs of a pilot, for two levels of a factor."""
-
-    subjects: int  # Of the pilot
-    plan: ContrastPlan  # If the true SDs are the pilot's
-    cautious: ContrastPlan  # If they are at their upper limits
+    return _plan_ratio(
+        lambda n: factor_of_tails(n, beta, alpha),
+        ratio,
+        beta / 2.0,
+        assurance,
+        f"the interval of {percent(share)} of all users, with {percent(confidence)} confidence,",
+    )
 
 
 def plan_contrast(
@@ -174,9 +114,9 @@ def plan_contrast(
     sd: float,
     other_sd: float | None = None,
     level: float = 0.99,
-    power: float = 0.8,
+    assurance: float = 0.8,
     family: Family = "normal",
-) -> ContrastPlan:
+) -> Plan:
     """Find the n for which a paired t-interval, or Welch's of two groups, leaves zero out.
 
     Parameters
@@ -191,19 +131,19 @@ def plan_contrast(
         SD of the second group. Without it each subject has both levels.
     level : float
         Confidence of the interval.
-    power : float
-        Probability of showing the difference.
+    assurance : float
+        Probability of showing the difference: the power.
     family : {"normal", "lognormal"}
         Distribution between users.
 
     Returns
     -------
-    ContrastPlan
+    Plan
 
     Raises
     ------
     UsageError
-        A difference or SD that is not positive, or a level or power outside 0 to 1.
+        A difference or SD that is not positive, or a level or assurance outside 0 to 1.
     RefusalError
         Ten million subjects would be too few.
 
@@ -231,42 +171,25 @@ def plan_contrast(
         # Rounding may pass one.
         return min(float(power), 1.0)
 
-    n = _fewest(reached, power, "power")
+    n = _fewest(reached, assurance)
     df = freedom * (n - 1.0)
     half_width = -special.stdtrit(df, half_tail) * np.sqrt(variance / n) * _mean_sd(df)
-    return ContrastPlan(
+    expected = float(half_width)
+    shown = f"{difference:.4g}"
+    width = f"± {expected:.3g} wide"
+    if log:
+        expected = float(np.expm1(half_width))
+        shown = percent(difference)
+        width = f"within a factor {1.0 + expected:.3g} of the estimate either way"
+    groups = " in each group" if other_sd is not None else ""
+    return Plan(
         n=n,
-        power=reached(n),
-        difference=difference,
-        expected=float(np.expm1(half_width) if log else half_width),
-        level=level,
-        family=family,
-        groups=other_sd is not None,
+        assurance=reached(n),
+        expected=expected,
+        covers=f"With {n} subjects{groups}, a difference of {shown} is shown by the"
+        f" {percent(level)} interval in {percent(reached(n), digits=4)} of studies. The interval"
+        f" is {width} on average.",
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class EquivalencePlan(NotebookRecord):
-    """The number of subjects that shows a bias to be smaller than one JND."""
-
-    n: int  # Subjects
-    power: float  # Probability that a study of `n` subjects shows it
-    jnd: float  # In the unit of the SD ("lognormal": as a fraction of the reference)
-    bias: float  # True one, in the same terms
-    decision: float  # Confidence that decides
-    family: Family
-
-    @property
-    def covers(self) -> str:
-        """One plain sentence saying what the plan promises."""
-        log = self.family == "lognormal"
-        jnd = percent(self.jnd) if log else f"{self.jnd:.4g}"
-        bias = percent(self.bias) if log else f"{self.bias:.4g}"
-        sure = percent(self.power, digits=4)
-        return (
-            f"With {self.n} subjects, a true bias of {bias} is shown to be smaller than one JND,"
-            f" {jnd}, with {percent(self.decision)} confidence in {sure} of studies."
-        )
 
 
 def plan_equivalent(
@@ -275,9 +198,9 @@ def plan_equivalent(
     sd: float,
     bias: float = 0.0,
     decision: float = 0.95,
-    power: float = 0.8,
+    assurance: float = 0.8,
     family: Family = "normal",
-) -> EquivalencePlan:
+) -> Plan:
     """Find the n for which two one-sided t-tests show a bias to be smaller than one JND.
 
     Parameters
@@ -290,21 +213,21 @@ def plan_equivalent(
         True bias, in the terms of `jnd`, smaller than it on either side.
     decision : float
         Confidence that decides; each test has size 1 - decision.
-    power : float
-        Probability of showing it.
+    assurance : float
+        Probability of showing it: the power.
     family : {"normal", "lognormal"}
         Distribution between users.
 
     Returns
     -------
-    EquivalencePlan
+    Plan
         Its power is exact, by `percept.inference.classical.fiducial.tost_power`.
 
     Raises
     ------
     UsageError
         A JND or SD that is not positive, a bias of one JND or more, a decision outside 0.5 to 1 or
-        a power outside 0 to 1.
+        an assurance outside 0 to 1.
     RefusalError
         Ten million subjects would be too few.
     """
@@ -316,48 +239,47 @@ def plan_equivalent(
         raise UsageError("decision must lie strictly between 0.5 and 1.", value=decision)
     to_lower = jnd + bias
     to_upper = jnd - bias
+    shown = f"{bias:.4g}", f"{jnd:.4g}"
     if family == "lognormal":
         sd = float(np.sqrt(np.log1p(sd**2)))
         centre = np.log1p(bias)
         to_upper = float(np.log1p(jnd) - centre)
         # No positive value lies a whole reference below it.
         to_lower = float(centre - np.log1p(-jnd)) if jnd < 1.0 else np.inf
+        shown = percent(bias), percent(jnd)
 
     def reached(n: int) -> float:
         root_n = np.sqrt(n) / sd
         return tost_power(to_lower * root_n, to_upper * root_n, n - 1.0, size=1.0 - decision)
 
-    n = _fewest(reached, power, "power")
-    return EquivalencePlan(
-        n=n, power=reached(n), jnd=jnd, bias=bias, decision=decision, family=family
+    n = _fewest(reached, assurance)
+    what = (
+        f"a true bias of {shown[0]} is shown to be smaller than one JND, {shown[1]}, with"
+        f" {percent(decision)} confidence"
     )
+    covers = _promise(n, what, reached(n))
+    return Plan(n=n, assurance=reached(n), expected=None, covers=covers)
 
 
-def plan_from_pilot(
-    first: ArrayLike,
-    second: ArrayLike,
-    difference: float,
-    *,
-    within: bool,
-    level: float = 0.99,
-    power: float = 0.8,
-    family: Family = "normal",
-) -> PilotPlan | None:
-    """Plan the contrast of two levels by the SDs of a pilot study.
+def pilot_sds(
+    first: ArrayLike, second: ArrayLike, *, within: bool, family: Family = "normal"
+) -> tuple[list[float], list[float]] | None:
+    """Return the SDs that plan the contrast of two levels by a pilot study.
 
     Parameters
     ----------
     first, second : array_like, shape (n,)
         What each subject set at either level, in one order of the subjects; NaN where nothing.
-    difference, level, power, family
-        As of `plan_contrast`.
     within : bool
         Whether each subject has both levels.
+    family : {"normal", "lognormal"}
+        Distribution between users.
 
     Returns
     -------
-    PilotPlan or None
-        None of levels with fewer than two subjects, or without scatter.
+    tuple of two lists, or None
+        The pilot's SD of the differences, or of both groups, as `plan_contrast` takes them, and
+        their upper 80 % limits. None of levels with fewer than two subjects, or without scatter.
     """
     values = np.array([first, second], dtype=float)
     if family == "lognormal":
@@ -372,20 +294,10 @@ def plan_from_pilot(
         return None
     df = counts - 1.0
     upper = sds * np.sqrt(df / special.chdtri(df, _SURE_OF_PILOT))
-    plans = []
-    for stated in (sds, upper):
-        if family == "lognormal":
-            stated = np.sqrt(np.expm1(stated**2))
-        plan = plan_contrast(
-            difference,
-            sd=float(stated[0]),
-            other_sd=None if within else float(stated[1]),
-            level=level,
-            power=power,
-            family=family,
-        )
-        plans.append(plan)
-    return PilotPlan(subjects=int(counts.sum()), plan=plans[0], cautious=plans[1])
+    if family == "lognormal":
+        sds = np.sqrt(np.expm1(sds**2))
+        upper = np.sqrt(np.expm1(upper**2))
+    return sds.tolist(), upper.tolist()
 
 
 def _check(family: Family, **sizes: float) -> None:
@@ -396,36 +308,43 @@ def _check(family: Family, **sizes: float) -> None:
     check_option("family", family, ("normal", "lognormal"))
 
 
-def _smallest_ratio(
-    factor: Callable[[int], Any], ratio: float, half_tail: float, assurance: float
-) -> dict[str, Any]:
+def _promise(n: int, what: str, assurance: float) -> str:
+    """Say in a sentence what a plan promises."""
+    return f"With {n} subjects, {what} in {percent(assurance, digits=4)} of studies."
+
+
+def _plan_ratio(
+    factor: Callable[[int], Any], ratio: float, half_tail: float, assurance: float, interval: str
+) -> Plan:
     """Plan for a width over that of a known population, whose SD is taken as the unit."""
     if not (np.isfinite(ratio) and ratio > 1.0):
         raise UsageError(
             "ratio must be above 1, to which it tends with ever more subjects.", value=ratio
         )
-    return _smallest(factor, ratio, -1.0 / float(special.ndtri(half_tail)), assurance)
+    sigma = -1.0 / float(special.ndtri(half_tail))
+    n, reached, expected = _smallest(factor, ratio, sigma, assurance)
+    what = f"{interval} is at most {ratio:.4g} times as wide as that of a known population"
+    return Plan(n=n, assurance=reached, expected=expected, covers=_promise(n, what, reached))
 
 
 def _smallest(
     factor: Callable[[int], Any], wanted: float, sigma: float, assurance: float
-) -> dict[str, Any]:
+) -> tuple[int, float, float]:
     """Return the smallest n with P(factor·SD ≤ wanted) ≥ assurance, both, and E factor·SD."""
 
     def reached(n: int) -> float:
         half = (n - 1.0) / 2.0
         return float(special.gammainc(half, half * (wanted / sigma / factor(n)) ** 2))
 
-    n = _fewest(reached, assurance, "assurance")
-    expected = float(factor(n)) * _mean_sd(n - 1.0) * sigma
-    return {"n": n, "assurance": reached(n), "expected": expected}
+    n = _fewest(reached, assurance)
+    return n, reached(n), float(factor(n)) * _mean_sd(n - 1.0) * sigma
 
 
-def _fewest(reached: Callable[[int], float], wanted: float, name: str) -> int:
+def _fewest(reached: Callable[[int], float], wanted: float) -> int:
     """Return the smallest n that reaches a probability, which grows with n."""
     if not 0.0 < wanted < 1.0:
         hint = "80 percent is written 0.8."
-        raise UsageError(f"{name} must lie strictly between 0 and 1.", value=wanted, hint=hint)
+        raise UsageError("assurance must lie strictly between 0 and 1.", value=wanted, hint=hint)
     n = 2 + bisect.bisect_left(range(2, _MOST_SUBJECTS + 1), wanted, key=reached)
     if n > _MOST_SUBJECTS:
         hint = "Ask for less."

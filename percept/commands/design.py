@@ -24,7 +24,7 @@ from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
     from percept.judge import CoveragePlan, Method
-    from percept.planning import ContrastPlan, EquivalencePlan, Plan
+    from percept.planning import Plan
     from percept.results import Verdict
 
 
@@ -85,9 +85,8 @@ def _plan(arguments: argparse.Namespace) -> None:
         hint = "Add one of them, or leave the sessions out."
         raise UsageError("sessions are for --kind verdicts and for --by.", hint=hint)
     from percept import planning
-    from percept.results import plain
 
-    planners: dict[str, Callable[..., Plan | ContrastPlan | EquivalencePlan]] = {
+    planners: dict[str, Callable[..., Plan]] = {
         "mean": planning.plan_mean,
         "user": planning.plan_user,
         "share": planning.plan_share,
@@ -101,10 +100,9 @@ def _plan(arguments: argparse.Namespace) -> None:
     needed = [name for name, parameter in taken.items() if parameter.default is parameter.empty]
     _refuse(kind, "needs", [name for name in needed if name not in given])
     _refuse(kind, "has no use for", [name for name in given if name not in taken])
-    probability = "power" if "power" in taken else "assurance"
-    plan = planner(**given, **{probability: arguments.assurance})
+    plan = planner(**given, assurance=arguments.assurance)
     if arguments.json:
-        print_json({**plain(plan), "covers": plan.covers})
+        print_json(plan)
     else:
         print(plan.covers)
 
@@ -113,8 +111,7 @@ def _pilot(arguments: argparse.Namespace) -> None:
     """Print how many subjects show a difference between the levels of a column of a pilot study."""
     import numpy as np
 
-    from percept.planning import plan_from_pilot
-    from percept.results import plain
+    from percept.planning import pilot_sds, plan_contrast
 
     if arguments.kind != "contrast":
         raise UsageError("--by is for --kind contrast.")
@@ -126,31 +123,32 @@ def _pilot(arguments: argparse.Namespace) -> None:
         study = with_factor(open_study(arguments, progress, groups=[column]), column)
         levels = [row for row in study.levels if row.factor == column and row.environment is None]
     inference = study.scene.inference
-    subjects = study.scene.study.subject[1]
     planned: list[dict[str, object]] = []
     for first, second in itertools.combinations(levels, 2):
         if first.parameter != second.parameter:
             continue
-        pilot = plan_from_pilot(
-            np.array(first.values, dtype=float),
-            np.array(second.values, dtype=float),
-            arguments.difference,
-            within=first.within,
-            level=inference.level,
-            power=arguments.assurance,
-            family=inference.family,
-        )
-        if pilot is None:
+        values = [np.array(row.values, dtype=float) for row in (first, second)]
+        sds = pilot_sds(*values, within=first.within, family=inference.family)
+        if sds is None:
             continue
+        plans = [
+            plan_contrast(
+                arguments.difference,
+                sd=stated[0],
+                other_sd=None if first.within else stated[1],
+                level=inference.level,
+                assurance=arguments.assurance,
+                family=inference.family,
+            )
+            for stated in sds
+        ]
+        plan, cautious = plans
         names = {"parameter": first.parameter, "first": first.level, "second": second.level}
-        planned.append(names | plain(pilot))
+        planned.append({**names, "plan": plan, "cautious": cautious})
         if not arguments.json:
             label = study.sessions.quantities[first.parameter].label
-            show(f"{label}, {second.level} against {first.level}: {pilot.plan.covers}")
-            show(
-                f"  The pilot has {pilot.subjects} {subjects}. If the true SDs are at their upper"
-                f" 80 % limits, it takes {pilot.cautious.n}."
-            )
+            show(f"{label}, {second.level} against {first.level}: {plan.covers}")
+            show(f"  If the true SDs are at their upper 80 % limits, it takes {cautious.n}.")
     if not planned:
         hint = "Two subjects or more must have both levels at all references."
         raise RefusalError("the pilot gives no SD of a contrast.", column=column, hint=hint)

@@ -26,13 +26,13 @@ def test_options_reach_the_plan_of_their_kind(words, plan, capsys):
     assert capsys.readouterr().out == f"{plan.covers}\n"
     assert main(["plan", *words.split(), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert (printed["n"], printed["share"], printed["covers"]) == (plan.n, plan.share, plan.covers)
+    assert printed == vars(plan)
 
 
 def test_a_contrast_is_planned_by_stated_sds(capsys):
     words = "plan --kind contrast --difference 0.1 --sd 0.2 --other-sd 0.3 --family lognormal"
     assert main([*words.split(), "--level", "0.95", "--assurance", "0.9"]) == 0
-    asked = {"level": 0.95, "power": 0.9, "family": "lognormal"}
+    asked = {"level": 0.95, "assurance": 0.9, "family": "lognormal"}
     plan = plan_contrast(0.1, sd=0.2, other_sd=0.3, **asked)
     assert capsys.readouterr().out == f"{plan.covers}\n"
 
@@ -42,7 +42,7 @@ def test_an_equivalence_is_planned_by_its_flag(capsys):
         "plan --kind equivalent --jnd 0.2 --sd 0.2 --bias 0.05 --family lognormal --decision 0.9"
     )
     assert main([*words.split(), "--assurance", "0.9"]) == 0
-    plan = plan_equivalent(0.2, sd=0.2, bias=0.05, decision=0.9, power=0.9, family="lognormal")
+    plan = plan_equivalent(0.2, sd=0.2, bias=0.05, decision=0.9, assurance=0.9, family="lognormal")
     assert capsys.readouterr().out == f"{plan.covers}\n"
     assert main(["plan", "--kind", "equivalent", "--sd", "0.2"]) == 2
     assert "kind equivalent needs --jnd" in capsys.readouterr().err
@@ -70,8 +70,7 @@ def test_a_contrast_is_planned_by_a_pilot_study(tmp_path, capsys):
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith(f"stiffness, right against left: With {pilot['plan']['n']} subjects, a")
     assert second == (
-        "  The pilot has 8 subjects. If the true SDs are at their upper 80 % limits, it takes"
-        f" {pilot['cautious']['n']}."
+        f"  If the true SDs are at their upper 80 % limits, it takes {pilot['cautious']['n']}."
     )
     table = frame()
     table.loc[table["hand"] == "right", "k_adj"] = 1.2 * table["k_ref"]
