@@ -18,7 +18,7 @@ from percept.commands.analysis import (
     tell_error,
     with_factor,
 )
-from percept.errors import RefusalError, UsageError, capitalised, printable
+from percept.errors import RefusalError, UsageError, capitalised
 
 if TYPE_CHECKING:
     from percept.results import ContrastRow
@@ -67,14 +67,6 @@ _LEGEND = """Exact envelopes, where they differ most over omega (rad/s), and the
 place: middle over the other one's, less one; width: logarithm of the ratio."""
 
 
-@dataclasses.dataclass(frozen=True)
-class _NamedStudy:
-    """A study and what it is called here."""
-
-    name: str
-    study: Study
-
-
 def _run(arguments: argparse.Namespace) -> None:
     """Compare methods for one path, studies for two, groups or conditions for a column."""
     with Working("comparing", shown=not arguments.quiet) as progress:
@@ -86,56 +78,37 @@ def _run(arguments: argparse.Namespace) -> None:
             _two_studies(arguments, progress)
 
 
-def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
-    """Compare the levels of a column, of conditions or of groups of subjects, in one model."""
-    column = arguments.by
-    if arguments.other_scene:
-        raise UsageError("--by compares groups under one scene; leave --other-scene out.")
-    study = open_study(arguments, progress, groups=[column])
-    _contrasts(with_factor(study, column), column, arguments, progress)
-
-
 def _two_studies(arguments: argparse.Namespace, progress: Working) -> None:
-    """Compare two paths, or one path under two scenes."""
+    """Print how two paths differ, or one path under two scenes."""
+    from percept.study.compare import compare_studies
+
     paths = arguments.sessions
     if len(paths) > 2:
         raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
-    first = _open_one(arguments, paths[0], arguments.scene, progress)
-    second = _open_one(arguments, paths[-1], arguments.other_scene or arguments.scene, progress)
-    _differences(first, second, arguments, progress)
-
-
-def _open_one(
-    arguments: argparse.Namespace, path: str, scene: str | None, progress: Working
-) -> _NamedStudy:
-    """Open one of two studies."""
-    chosen = argparse.Namespace(**vars(arguments) | {"sessions": [path], "scene": scene})
-    return _NamedStudy(f"{path} under {scene}" if scene else path, open_study(chosen, progress))
-
-
-def _differences(
-    first: _NamedStudy, second: _NamedStudy, arguments: argparse.Namespace, progress: Working
-) -> None:
-    """Print how two studies differ."""
-    from percept.study.compare import compare_studies
-
-    a = first.study
-    comparison = compare_studies(a, second.study)
+    names = {}
+    studies = {}
+    scenes = {"a": arguments.scene, "b": arguments.other_scene or arguments.scene}
+    for letter, path in (("a", paths[0]), ("b", paths[-1])):
+        scene = scenes[letter]
+        names[letter] = f"{path} under {scene}" if scene else path
+        chosen = argparse.Namespace(**vars(arguments) | {"sessions": [path], "scene": scene})
+        studies[letter] = open_study(chosen, progress)
+    comparison = compare_studies(studies["a"], studies["b"])
     progress.stop()
-    tell_error(a, second.study)
+    tell_error(*studies.values())
+    asked = studies["a"].scene.inference
     if arguments.json:
-        studies = {"a": first.name, "b": second.name}
-        verdicts = {"a": a.verdict_rows, "b": second.study.verdict_rows}
-        stated = {"studies": studies, **_stated(a), "verdicts": verdicts}
-        print_json({**stated, **vars(comparison)})
+        verdicts = {letter: study.verdict_rows for letter, study in studies.items()}
+        stated = {"studies": names, "level": asked.level, "family": asked.family}
+        print_json({**stated, "verdicts": verdicts, **vars(comparison)})
         return
-    notes = map(printable, comparison.notes)
-    show("\n".join([f"A: {first.name}", f"B: {second.name}", *notes]))
-    show(f"Both: {_claim(a)}.")
-    for name, study in (("A", a), ("B", second.study)):
-        show("\n".join(f"{name}: {said}" for said in _feelings(study)))
+    lines = [f"{letter.upper()}: {name}" for letter, name in names.items()]
+    lines += [*comparison.notes, f"Both: {_claim(studies['a'])}."]
+    for letter, study in studies.items():
+        lines += [f"{letter.upper()}: {said}" for said in _feelings(study)]
+    show("\n".join(lines))
     if len(comparison.differences):
-        unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
+        unit = "ratio B/A" if asked.family == "lognormal" else "difference B - A"
         head = f"Average users, {unit}; spread between users, ratio B/A:"
         print_table(comparison.differences, head=head)
     elif not len(comparison.curves):
@@ -148,8 +121,12 @@ def _differences(
         print_table(comparison.curves.loc[farthest], head=head)
 
 
-def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progress: Working) -> None:
-    """Print the contrasts of a column of the model."""
+def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
+    """Compare the levels of a column, of conditions or of groups of subjects, in one model."""
+    column = arguments.by
+    if arguments.other_scene:
+        raise UsageError("--by compares groups under one scene; leave --other-scene out.")
+    study = with_factor(open_study(arguments, progress, groups=[column]), column)
     rows = [row for row in study.contrast_rows if column in row.factor.split(":")]
     tests = [row for row in study.anova if column in row.factor.split(":")]
     skipped = study.skipped_of("contrast_rows", "anova")
@@ -159,17 +136,16 @@ def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progres
         raise RefusalError("no contrast can be worked out.", column=column, hint="; ".join(notes))
     factors = study.sessions.factors
     levels = factors.levels.get(column, ()) if factors else ()
+    asked = study.scene.inference
     if arguments.json:
-        stated = {"factor": column, "levels": levels, **_stated(study), "notes": notes}
-        print_json({**stated, "contrast": rows, "anova": tests})
+        stated = {"factor": column, "levels": levels, "level": asked.level, "family": asked.family}
+        print_json({**stated, "notes": notes, "contrast": rows, "anova": tests})
         return
     if levels:
         within = all(row.within for row in rows if row.factor == column)
         who = "the same subjects" if within else "different subjects"
         notes.insert(0, f"{column}: {who} at {', '.join(levels)}.")
-    show("\n".join(notes))
-    claim = _claim(study)
-    show(f"{capitalised(claim)}.")
+    show("\n".join([*notes, f"{capitalised(_claim(study))}."]))
     by_head: dict[str, list[ContrastRow]] = {}
     for row in rows:
         measure = _OF_RATIOS.get(row.of, "ratio")
@@ -204,36 +180,26 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     table = pd.DataFrame(pairs).merge(study.summary(None))
     progress.stop()
     tell_error(study)
+    asked = study.scene.inference
     if arguments.json:
-        results: dict[str, object] = {
-            "comparison": table,
-            "verdicts": study.verdict_rows,
-            "ladder": ladder,
-            "band_pairs": study.band_pairs,
-        }
-        print_json({**_stated(study), **results})
+        stated = {"level": asked.level, "family": asked.family, "comparison": table}
+        bands = {"band_pairs": study.band_pairs}
+        print_json({**stated, "verdicts": study.verdict_rows, "ladder": ladder, **bands})
         return
-    print_table(table, _PAIRS, head=f"Intervals in pairs, {_claim(study)}:")
+    claim = _claim(study)
+    print_table(table, _PAIRS, head=f"Intervals in pairs, {claim}:")
     show("\n".join(["", *_feelings(study)]))
-    _bands(study)
+    if study.band_pairs:
+        head = f"Boundaries in pairs, Bayesian against classical, {claim}. {_LEGEND}"
+        print_table([pair.flat() for pair in study.band_pairs], head=head)
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
-    show("\n".join(map(printable, ladder.notes)))
-    kind = study.scene.inference.kinds[0]
+    show("\n".join(ladder.notes))
+    kind = asked.kinds[0]
     effects = []
     for effect in ladder.effects:
         if effect.kind == kind:
             effects.append({**vars(effect), "width": math.exp(effect.log_width)})
     print_table(effects, _STEPS, head=f"The steps of kind {kind}. {_STEPS_LEGEND}")
-
-
-def _bands(study: Study) -> None:
-    """Print how the methods' boundaries differ; nothing without boundaries."""
-    pairs = study.band_pairs
-    if not pairs:
-        return
-    rows = [pair.flat() for pair in pairs]
-    head = f"Boundaries in pairs, Bayesian against classical, {_claim(study)}. {_LEGEND}"
-    print_table(rows, head=head)
 
 
 def _feelings(study: Study) -> list[str]:
@@ -243,12 +209,6 @@ def _feelings(study: Study) -> list[str]:
     results = study.results(curves=False)
     judged = dataclasses.replace(results, verdicts=study.verdict_rows, rendering=study.rendering)
     return feeling_sentences(judged)
-
-
-def _stated(study: Study) -> dict[str, str | float]:
-    """Return what the intervals of a comparison claim."""
-    asked = study.scene.inference
-    return {"level": asked.level, "family": asked.family}
 
 
 def _claim(study: Study) -> str:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import webbrowser
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,15 +29,14 @@ from percept.errors import UsageError, counted, printable
 
 if TYPE_CHECKING:
     from percept.batch import Summary
-    from percept.study import Study
 
 
-#: Columns of `Study.intervals` that a terminal has no room for.
-_NOT_SHOWN = ["level", "share", "confidence", "estimate", "n", "covers", "reference"]
 _PREDICTED = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
 _FIT_FILES = ("fit.json", "posterior.nc")
-# Rows of the table without --all: what a terminal shows at once.
+# Rows printed: what a terminal shows at once.
 _MOST_ROWS = 30
+# Folder of a report.
+_OUT = "report"
 _BATCH = """Fit many studies on the cores of this machine or on a dask cluster.
 
 Each STUDY is a session file or a folder of them (with a scene.toml of its own where it differs); of
@@ -59,49 +56,26 @@ def _fit(arguments: argparse.Namespace) -> int:
             arguments.out, FolderFiles("fit.json", _FIT_FILES), force=arguments.force
         ) as into:
             results = study.results(curves=False, progress=progress.stage)
-            (into / "fit.json").write_text(results.to_json(), encoding="utf-8")
+            document = results.to_json()
+            (into / "fit.json").write_text(document, encoding="utf-8")
             draws = study.posterior_file()
             if draws is not None:
                 (into / "posterior.nc").write_bytes(draws)
-        path = Path(arguments.out) / "fit.json"
     if arguments.json:
-        print(path.read_text(encoding="utf-8"))
+        print(document)
         return verdict(study)
-    say = printable
-    _print_intervals(study, every=arguments.all)
-    for row in json.loads(path.read_text(encoding="utf-8"))["skipped"]:
-        print(say(f"Left out: {row['what']} ({row['why'].removesuffix('.')})."))
-    _print_checks(study, say)
-    print(path)
-    return verdict(study)
-
-
-def _print_intervals(study: Study, *, every: bool) -> None:
-    """Print both methods side by side, or a row per interval."""
-    if every:
-        table = study.intervals.drop(columns=_NOT_SHOWN)
-    else:
-        table = study.summary(None).head(_MOST_ROWS)
+    table = study.summary(None).head(_MOST_ROWS)
+    if not table.empty:
         table = table.drop(columns=[name for name in table.columns if name.endswith("_estimate")])
-    if table.empty:
-        return
-    table = table.rename(columns={"environment": study.scene.environment_noun[0]})
-    print_table(table, digits=6)
-    if not every:
-        print(
-            f"--all prints all {len(study.intervals)} intervals: both families, and those that hold"
-            " together."
-        )
-
-
-def _print_checks(study: Study, say: Callable[[str], str]) -> None:
-    """Print what the checks say in words, where they were asked for."""
-    checks = study.checks if study.scene.checks is not None else None
-    if checks is None or checks.loo is None:
-        return
-    loo = checks.loo
-    for message in loo.messages or ("No subject lies far from what the others predict.",):
-        print(say(message))
+        table = table.rename(columns={"environment": study.scene.environment_noun[0]})
+        print_table(table, digits=6)
+    for part in results.skipped:
+        show(f"Left out: {part.what} ({part.why.removesuffix('.')}).")
+    loo = results.checks.loo if results.checks else None
+    if loo is not None:
+        show("\n".join(loo.messages) or "No subject lies far from what the others predict.")
+    print(Path(arguments.out) / "fit.json")
+    return verdict(study)
 
 
 def _report(arguments: argparse.Namespace) -> int:
@@ -119,7 +93,10 @@ def _report(arguments: argparse.Namespace) -> int:
             answer = study.decide(**options)
         else:
             page = study.report(
-                _out(arguments), formats=arguments.formats, force=arguments.force, **options
+                arguments.out or _OUT,
+                formats=arguments.formats,
+                force=arguments.force,
+                **options,
             )
     if _is_line_alone(arguments):
         show(answer[0])
@@ -147,7 +124,7 @@ def _report_again(arguments: argparse.Namespace) -> int:
     with Working("writing the report", shown=not arguments.quiet) as progress:
         page = rewrite_report(
             arguments.results,
-            _out(arguments),
+            arguments.out or _OUT,
             formats=arguments.formats,
             progress=progress.stage,
             force=arguments.force,
@@ -158,34 +135,27 @@ def _report_again(arguments: argparse.Namespace) -> int:
 
 def _is_line_alone(arguments: argparse.Namespace) -> bool:
     """Say whether to print the one-line answer alone, and write no page."""
-    return arguments.short and arguments.out is None and not arguments.open
-
-
-def _out(arguments: argparse.Namespace) -> str:
-    return arguments.out or "report"
+    return arguments.short and arguments.out is None
 
 
 def _say_answer(page: Path, arguments: argparse.Namespace) -> None:
-    """Print the findings, warnings and path of a page, or a line alone; open it if that was asked.
+    """Print the findings, warnings and path of a page, or a line alone.
 
     What `verdict` says stands on standard error.
     """
     summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
-    told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
-    warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
     if arguments.short:
         show(summary["sentences"][0])
-    elif not arguments.quiet:
+        return
+    if not arguments.quiet:
+        told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
+        warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
         show("\n".join([*summary["sentences"], *warnings]))
-    if not arguments.short:
-        print(page)
-    if arguments.open:
-        webbrowser.open(page.resolve().as_uri())
+    print(page)
 
 
 def _predict(arguments: argparse.Namespace) -> None:
     """Print how far the environment lies from the tested ones, and its intervals."""
-    from percept.results import plain
     from percept.study.prediction import predict
 
     with Working("predicting", shown=not arguments.quiet) as progress:
@@ -195,16 +165,15 @@ def _predict(arguments: argparse.Namespace) -> None:
     tell_error(study)
     if arguments.json:
         properties = {"sentence": prediction.sentence, "extrapolates": prediction.extrapolates}
-        print_json({**properties, **plain(prediction)})
+        print_json({**properties, **vars(prediction)})
         return
-    say = printable
-    print(say(prediction.sentence))
+    show(prediction.sentence)
     columns = list(_PREDICTED)
     if prediction.intervals["environment"].nunique() > 1:
         columns.insert(0, "environment")
     print_table(prediction.intervals, columns, digits=6)
     for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):
-        print(say(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}"))
+        show(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}")
     worst = float(prediction.intervals["monte_carlo"].max())
     tolerance = study.scene.inference.tolerance
     if worst > tolerance:
@@ -280,7 +249,6 @@ FIT = Command(
         *STUDY,
         checks_argument(usual=False),
         folder("fit"),
-        flag("--all", "print every interval: both families, joint ones too"),
         JSON,
         FORCE,
     ),
@@ -299,7 +267,6 @@ REPORT = Command(
         argument("--out", "DIR", "folder to write into (report)"),
         flag("--why", "say why the methods differ; samples the models between them"),
         flag("--short", "print the answer in one line; write the report only with --out"),
-        flag("--open", "open the page in a browser"),
         argument(
             "--formats",
             "FORM",

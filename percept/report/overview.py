@@ -170,9 +170,6 @@ def displayed(results: Results, *, coupled: bool) -> Callable[[str], Cell]:
 
 
 _FEW = 5  # fewer subjects than this are called few
-#: Shift, in half-widths of the classical interval, from which on pooling is told: at 95 % it takes
-#: an interval of that width to a coverage of 92 %.
-_PULLED = 0.25
 #: Classical standard errors between the model's mean and the data's from which one is told first.
 _OVERRULED = 2.0
 #: Width over that of the classical interval, from which on the prior of the spread is told.
@@ -193,33 +190,24 @@ _WARNINGS = 3  # the summary repeats the reader's first warnings
 def cautions(results: Results) -> list[str]:
     """Return the cautions of results, those that change their meaning first."""
     found = (
-        _left_out_of_the_model,
-        _other_family,
-        _tolerance_missed,
+        _of_the_model,
         doubtful_rendering,
         doubtful_verdicts,
-        _pooled,
         _widened,
-        _at_limits,
-        _few,
-        _growing,
+        _of_the_data,
         misfits,
         _warnings,
     )
     return [said for cautions_of in found for said in cautions_of(results)]
 
 
-def _left_out_of_the_model(results: Results) -> Iterator[str]:
-    """Say what the hierarchical model is missing, or that there is none."""
+def _of_the_model(results: Results) -> Iterator[str]:
+    """Say what the model leaves out, and where family or accuracy is not the one asked for."""
     for row in results.skipped:
         if row.what.endswith(", in the hierarchical model"):
             yield f"The hierarchical model leaves out {row.what.partition(',')[0]}: {row.why}."
         elif row.what == "Bayesian intervals":
             yield f"There are no Bayesian intervals: {row.why}"
-
-
-def _other_family(results: Results) -> Iterator[str]:
-    """Say which environments have intervals of the normal family alone."""
     family = family_of(results)
     for parameter, quantity in results.data.quantities.items():
         rows = matching(results.intervals, parameter=parameter, kind="mean", joint="marginal")
@@ -231,10 +219,6 @@ def _other_family(results: Results) -> Iterator[str]:
                 f" values of zero or below have no logarithm, and of the {family} family in"
                 f" {listed(chosen)}."
             )
-
-
-def _tolerance_missed(results: Results) -> Iterator[str]:
-    """Say which error the sampler reached instead of the tolerance."""
     gate = results.diagnostics.gate if results.diagnostics else None
     if gate and gate.passed and not gate.tolerance_met:
         yield gate.error_reached
@@ -262,20 +246,16 @@ def _means(results: Results) -> Iterator[_Mean]:
             yield _Mean(row, plain, shift, (scale(row.upper) - scale(row.lower)) / width)
 
 
-def _instead(results: Results, mean: _Mean) -> str:
-    """Name a mean, with its value and that of the data."""
-    label = results.data.quantities[mean.row.parameter].label
-    values = " instead of ".join(apart(mean.row.estimate, mean.plain.estimate))
-    return f"{label} of {mean.row.environment} ({f'{values} {mean.row.unit}'.rstrip()})"
-
-
 def overruled(results: Results) -> list[str]:
     """Say where the model's mean lies far from that of the data, by its own standard error."""
     named = []
     for mean in _means(results):
-        half_width = -special.stdtrit(mean.plain.n - 1.0, 0.5 * (1.0 - mean.plain.level))
+        row, plain = mean.row, mean.plain
+        half_width = -special.stdtrit(plain.n - 1.0, 0.5 * (1.0 - plain.level))
         if half_width * mean.shift > _OVERRULED:
-            named.append(_instead(results, mean))
+            label = results.data.quantities[row.parameter].label
+            values = " instead of ".join(apart(row.estimate, plain.estimate))
+            named.append(f"{label} of {row.environment} ({f'{values} {row.unit}'.rstrip()})")
     if not named:
         return []
     return [
@@ -283,18 +263,6 @@ def overruled(results: Results) -> list[str]:
         f" {possessive(results.data.words.subjects)} mean in {listed(named, MOST_SHOWN)}. Use the"
         " classical interval, or wider [model.priors]."
     ]
-
-
-def _pooled(results: Results) -> Iterator[str]:
-    """Say where the hierarchical model draws a mean far towards the others."""
-    means = list(_means(results))
-    farthest = max(means, key=lambda mean: mean.shift, default=None)
-    # What overrules the data is said first.
-    if farthest and farthest.shift > _PULLED and len(means) > 1 and not overruled(results):
-        yield (
-            f"The hierarchical model draws {results.data.words.environments} towards each other:"
-            f" farthest the mean {_instead(results, farthest)}, that of the data."
-        )
 
 
 def _widened(results: Results) -> Iterator[str]:
@@ -311,8 +279,9 @@ def _widened(results: Results) -> Iterator[str]:
             )
 
 
-def _at_limits(results: Results) -> Iterator[str]:
-    """Say what intervals leave out at the limits of a control."""
+def _of_the_data(results: Results) -> Iterator[str]:
+    """Say what control limits cut off, how few subjects there are, and what may chatter."""
+    words = results.data.words
     for name, quantity in results.data.quantities.items():
         rows = matching(results.intervals, parameter=name)
         counts = {row.environment: row.left_out for row in rows if row.left_out}
@@ -322,28 +291,18 @@ def _at_limits(results: Results) -> Iterator[str]:
                 f"Intervals of {quantity.label} leave out adjustments at the limits of the"
                 f" control: {where}."
             )
-
-
-def _few(results: Results) -> Iterator[str]:
-    """Say what limits rest on where subjects are few."""
     subjects = max((row.n for row in results.intervals), default=_FEW)
-    if subjects >= _FEW:
-        return
-    freedom = f"{counted(subjects - 1, 'degree')} of freedom"
-    yield (
-        f"{subjects} {results.data.words.subjects} are few: classical limits rest on {freedom},"
-        " Bayesian ones largely on the priors."
-    )
-
-
-def _growing(results: Results) -> Iterator[str]:
-    """Say what may chatter as it is rendered."""
-    rows = matching(results.rendering or (), coupled=False, verdict="cannot")
-    if rows:
-        names = listed([str(row.environment) for row in rows], MOST_SHOWN)
+    if subjects < _FEW:
         yield (
-            f"Rendered directly, {names} may chatter with some hands, and"
-            f" {results.data.words.users} may then set them wrongly."
+            f"{subjects} {words.subjects} are few: classical limits rest on"
+            f" {counted(subjects - 1, 'degree')} of freedom, Bayesian ones largely on the priors."
+        )
+    unstable = matching(results.rendering or (), coupled=False, verdict="cannot")
+    if unstable:
+        names = listed([str(row.environment) for row in unstable], MOST_SHOWN)
+        yield (
+            f"Rendered directly, {names} may chatter with some hands, and {words.users} may then"
+            " set them wrongly."
         )
 
 

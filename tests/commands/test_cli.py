@@ -140,7 +140,7 @@ def test_report_ends_with_the_page_and_keeps_what_was_there(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_fit_prints_the_methods_side_by_side_and_the_rest_on_request(tmp_path, capsys):
+def test_fit_prints_the_methods_side_by_side(tmp_path, capsys):
     """Sixteen environments have 48 rows, of which 30 are printed."""
     rows = [f"S{s},E{e:02},{10 * e},{11 * e + s * 0.3 * e}" for e in range(1, 17) for s in range(3)]
     path = write(tmp_path, rows, "subject,environment,k_ref,k_adj\n")
@@ -160,9 +160,7 @@ def test_fit_prints_the_methods_side_by_side_and_the_rest_on_request(tmp_path, c
     assert [line.split()[0] for line in printed[1:31]] == [
         f"E{e:02}" for e in range(1, 11) for _ in range(3)
     ]
-    assert (
-        printed[31] == "--all prints all 96 intervals: both families, and those that hold together."
-    )
+    assert printed[31].startswith("Left out: ")
     document = json.loads((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
     (row,) = (
         row
@@ -170,9 +168,6 @@ def test_fit_prints_the_methods_side_by_side_and_the_rest_on_request(tmp_path, c
         if (row["environment"], row["kind"], row["family"]) == ("E01", "mean", "lognormal")
     )
     assert printed[1].split()[-2:] == [f"{row['lower']:.6g}", f"{row['upper']:.6g}"]
-    assert main([*words, "--all"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len([line for line in lines if line.split()[3:5] == ["classical", "normal"]]) == 48
 
 
 def test_the_study_s_words_are_the_terminal_s(tmp_path, capsys):

@@ -205,7 +205,6 @@ ESCAPE = "\x1b[2J\u202e"
     "words",
     [
         ["fit", "a"],
-        ["fit", "a", "--all"],
         ["compare", "a", "b"],
         ["compare", "a", "--by", "hand"],
         ["compare", "a", "--by", f"eye{ESCAPE}"],

@@ -397,29 +397,6 @@ def test_where_nothing_was_matched_sentences_give_means():
     ]
 
 
-@pytest.mark.parametrize("family", ["normal", "lognormal"])
-def test_a_mean_that_pooling_moves_far_is_told(family):
-    found = results([("A", 1, 2, 3, 1, 4), ("B", 5, 6, 7, 4, 8)])
-    rows = []
-    for row in found.intervals:
-        classical = dataclasses.replace(row, family=family)
-        # A quarter of the half-width of 1 is the least that is told.
-        moved = 6.0 - 0.26 if row.environment == "B" else row.estimate
-        rows += [classical, dataclasses.replace(classical, method="bayesian", estimate=moved)]
-    scene = {**found.provenance.scene, "inference": {"family": family}}
-    provenance = dataclasses.replace(found.provenance, scene=scene)
-    pooled = dataclasses.replace(found, intervals=tuple(rows), provenance=provenance)
-    told = (
-        "The hierarchical model draws environments towards each other: farthest the mean stiffness"
-        " of B (5.74 instead of 6 N/m), that of the data."
-    )
-    assert told in cautions(pooled)
-    near = [dataclasses.replace(row, estimate=max(row.estimate, 5.8)) for row in rows[4:]]
-    assert told[:30] not in " ".join(
-        cautions(dataclasses.replace(pooled, intervals=(*rows[:4], *near)))
-    )
-
-
 @pytest.mark.parametrize(("reach", "said"), [(1.4, []), (2.0, ["2 times as wide"])])
 def test_an_interval_that_the_prior_widens_is_told(reach, said):
     found = results([("A", 5, 6, 7, 4, 8)])
