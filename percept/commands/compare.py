@@ -26,9 +26,16 @@ if TYPE_CHECKING:
 
 
 _PAIRS = [
-    "environment", "parameter", "kind", "classical_lower", "classical_upper", "bayesian_lower",
-    "bayesian_upper", "width_ratio", "shift",
-]  # fmt: skip
+    "environment",
+    "parameter",
+    "kind",
+    "classical_lower",
+    "classical_upper",
+    "bayesian_lower",
+    "bayesian_upper",
+    "width_ratio",
+    "shift",
+]
 _STEPS = ["environment", "parameter", "cause", "width", "log_width_error", "centre", "centre_error"]
 _CONTRAST = [
     "environment",

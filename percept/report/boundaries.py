@@ -57,9 +57,17 @@ _SHAPES = {
 }
 #: Fields of a boundary that the page's script draws.
 _CURVES = (
-    "environment", "kind", "method", "family", "shape", "omega", "lower", "upper", "reference",
+    "environment",
+    "kind",
+    "method",
+    "family",
+    "shape",
+    "omega",
+    "lower",
+    "upper",
+    "reference",
     "coupled",
-)  # fmt: skip
+)
 _LAWS = {"weber": "w·{0}", "offset": "c + w·{0}", "power": "w·{0}^p"}
 #: Steps of the ladder, in words.
 _STEPS = {

@@ -179,9 +179,13 @@ def _without(results: Results, loo: LeftOut) -> Table:
 
     def moved_most(row: IntervalWithout) -> Cell:
         (whole, *_) = matching(
-            results.intervals, environment=row.environment, parameter=row.parameter,
-            kind="mean", method="bayesian", joint="marginal",
-        )  # fmt: skip
+            results.intervals,
+            environment=row.environment,
+            parameter=row.parameter,
+            kind="mean",
+            method="bayesian",
+            joint="marginal",
+        )
         index = _farthest(row.estimate, whole.estimate)
         if index is None:
             return NOTHING

@@ -18,9 +18,16 @@ from percept.results import Results
 
 #: Fields of `Results` that are tables of their own.
 _CSV = (
-    "intervals", "boundaries", "band_pairs", "psychophysics", "equivalence",
-    "contrast", "anova", "verdicts", "rendering",
-)  # fmt: skip
+    "intervals",
+    "boundaries",
+    "band_pairs",
+    "psychophysics",
+    "equivalence",
+    "contrast",
+    "anova",
+    "verdicts",
+    "rendering",
+)
 
 
 def csv_tables(results: Results) -> dict[str, str]:
@@ -100,12 +107,34 @@ def _cell(value: object) -> object:
 
 
 _TEX = {
-    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
-    "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "−": "$-$",
-    "×": r"$\times$", "∞": r"$\infty$", "·": r"$\cdot$", "²": "$^2$", "\u202f": r"\,",
-    "±": r"$\pm$", "<": "$<$", ">": "$>$", "|": "$|$", "σ": r"$\sigma$", "γ": r"$\gamma$",
-    "ε": r"$\varepsilon$", "η": r"$\eta$", "ω": r"$\omega$", "κ": r"$\kappa$", "†": r"$\dagger$",
-}  # fmt: skip
+    "\\": r"\textbackslash{}",
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "{": r"\{",
+    "}": r"\}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "−": "$-$",
+    "×": r"$\times$",
+    "∞": r"$\infty$",
+    "·": r"$\cdot$",
+    "²": "$^2$",
+    "\u202f": r"\,",
+    "±": r"$\pm$",
+    "<": "$<$",
+    ">": "$>$",
+    "|": "$|$",
+    "σ": r"$\sigma$",
+    "γ": r"$\gamma$",
+    "ε": r"$\varepsilon$",
+    "η": r"$\eta$",
+    "ω": r"$\omega$",
+    "κ": r"$\kappa$",
+    "†": r"$\dagger$",
+}
 _TEX_CHARACTERS = str.maketrans(_TEX)
 #: Digits that `rounded` writes above the line.
 _RAISED = {raised: f"$^{{{chr(plain)}}}$" for plain, raised in SUPERSCRIPT.items()}

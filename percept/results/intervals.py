@@ -163,9 +163,11 @@ class BandPair(NotebookRecord):
     def flat(self) -> dict[str, str | float]:
         """Return the fields as a row of a table."""
         row: dict[str, str | float] = {
-            "environment": self.environment, "kind": self.kind, "method": self.method,
+            "environment": self.environment,
+            "kind": self.kind,
+            "method": self.method,
             "family": self.family,
-        }  # fmt: skip
+        }
         for name, difference in (("place", self.place), ("width", self.width)):
             row[name] = difference.largest
             row[f"{name}_omega"] = difference.omega

@@ -231,9 +231,12 @@ def draw_band(
         ax.plot(grid, line, color=COLOURS[drawn[-1]], linewidth=0.9, label=_LAWS[law.model])
     for one in chosen:
         ax.annotate(
-            one.environment, (getattr(one, size), one.band), xytext=(6, -7),
-            textcoords="offset points", fontsize="small",
-        )  # fmt: skip
+            one.environment,
+            (getattr(one, size), one.band),
+            xytext=(6, -7),
+            textcoords="offset points",
+            fontsize="small",
+        )
     method_legend(ax, drawn)
     ax.margins(x=0.1)
     log_scale(ax, plain=True)

@@ -159,9 +159,12 @@ def draw_interval(
     if estimate is not None:
         at = ([place], [estimate]) if upright else ([estimate], [place])
         ax.plot(
-            *at, MARKERS[method], markersize=3.4, markerfacecolor=COLOURS["paper"],
+            *at,
+            MARKERS[method],
+            markersize=3.4,
+            markerfacecolor=COLOURS["paper"],
             markeredgecolor=colour,
-        )  # fmt: skip
+        )
 
 
 def shortened(names: Sequence[str], letters: int) -> list[str]:

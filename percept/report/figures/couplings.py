@@ -69,9 +69,12 @@ def draw_couplings(
     colour = COLOURS["coupled"]
     if couplings.limited:
         ax.plot(
-            stiffness[:, -1], couplings.damping, color=COLOURS["quiet"], linewidth=0.8,
+            stiffness[:, -1],
+            couplings.damping,
+            color=COLOURS["quiet"],
+            linewidth=0.8,
             label="edge of what can be rendered",
-        )  # fmt: skip
+        )
     levels = sorted({*_SHADES, decision})
     colours = [(colour, _SHADE_ALPHA * (index + 1)) for index in range(len(levels))]
     ax.contourf(*shown, levels=[*levels, 1.1], colors=colours)
@@ -164,9 +167,12 @@ def draw_zwidth(ax: Axes, width: ZWidth) -> None:
         # On the side that has room.
         is_left = (ax.transData - ax.transAxes).transform(place)[0] < _MIDDLE
         ax.annotate(
-            wall.environment, place, xytext=(4 if is_left else -4, 3),
-            ha="left" if is_left else "right", textcoords="offset points",
-        )  # fmt: skip
+            wall.environment,
+            place,
+            xytext=(4 if is_left else -4, 3),
+            ha="left" if is_left else "right",
+            textcoords="offset points",
+        )
     ax.set_xlabel("stiffness (kN/m)")
     ax.set_ylabel("damping (N·s/m)")
 
