@@ -262,11 +262,16 @@ Window = Annotated[tuple[Positive, Positive], AfterValidator(_window)]
 
 
 class ReportTable(Table):
-    """What the page shows: its title, and close views of environments (windows of ω, rad/s)."""
+    """What a report shows: its title, close views of environments (windows of ω, rad/s), curves.
+
+    `curves` is "family" for boundaries of the scene's family, or "all". Of an environment that has
+    none in this family, those of the other are drawn. Intervals are always of both.
+    """
 
     title: str | None = None
     subtitle: str | None = None
     note: str | None = None
+    curves: Literal["family", "all"] = "family"
     zoom: dict[str, Window] = Field(default_factory=dict)
 
 

@@ -304,9 +304,16 @@ def study_coupling(
     required = None
     if isinstance(device, haptics.Device):
         required = float(haptics.required_damping(loop, coupling).damping)
+    rectangles = [one for one in regions if one.limits is not None and one.joint == "marginal"]
+    # The next user's and Bayesian where there is one, of the scene's family.
+    rectangles.sort(
+        key=lambda one: (one.kind != "user", one.method != "bayesian", one.family != family)
+    )
     memberships = []
-    for region in _best_regions(setup, regions, family):
-        memberships.append(_membership(setup, region, within))
+    for environment in setup.references:
+        best = next((one for one in rectangles if one.environment == environment), None)
+        if best is not None:
+            memberships.append(_membership(setup, best, within))
     nyquist = loop.nyquist
     if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]
@@ -348,22 +355,3 @@ def _membership(setup: Setup, region: Region, within: tuple[float, float]) -> Me
         departure_coupled=float(np.expm1(of_coupled.largest)),
         departure_omega_coupled=of_coupled.omega,
     )
-
-
-def _best_regions(setup: Setup, regions: Sequence[Region], family: str) -> list[Region]:
-    """Return a rectangle per environment: the next user's and Bayesian where there is one."""
-    best: dict[str, Region] = {}
-    for region in regions:
-        if region.limits is None or region.joint != "marginal":
-            continue
-        if region.environment not in setup.references:
-            continue
-        best_yet = best.setdefault(region.environment, region)
-        if _rank(region, family) > _rank(best_yet, family):
-            best[region.environment] = region
-    return list(best.values())
-
-
-def _rank(region: Region, family: str) -> tuple[bool, bool, bool]:
-    """How a rectangle ranks among those of its environment: a larger rank is better."""
-    return region.kind == "user", region.method == "bayesian", region.family == family

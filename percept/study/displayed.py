@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -40,7 +40,17 @@ from percept.study.data import Data
 from percept.study.device import Setup, device_of, referenced, setup_of, study_coupling
 from percept.study.inferred import Inferred
 from percept.study.maps import coupling_map, no_coupling_map, no_other_devices, other_devices
-from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
+from percept.study.regions import (
+    Drawn,
+    Law,
+    Region,
+    SubjectPairs,
+    laws_of,
+    of_family,
+    rectangles,
+    regions_of,
+    subject_pairs,
+)
 from percept.study.rendering import study_rendering, study_zwidth
 from percept.study.verdicts import (
     MapUsers,
@@ -99,12 +109,19 @@ class Displayed(Inferred):
     @cached_property
     def curve_laws(self) -> tuple[Law, ...]:
         """Laws of (k, b) of the average and the next user; empty where no correlation is known."""
-        return laws_of(self.pairs, self.passed, self.data.asked)
+        return laws_of(self._drawn(self.pairs), self.passed, self.data.asked)
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:
         """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
-        return regions_of(self.interval_rows, self.curve_laws, self.passed, self.data.asked)
+        of_intervals = self._drawn(rectangles(self.interval_rows))
+        return regions_of(of_intervals, self.curve_laws, self.passed, self.data.asked)
+
+    def _drawn(self, claims: Iterable[Drawn]) -> Sequence[Drawn]:
+        """Leave out what is not of the scene's family, unless the scene asks for all curves."""
+        if self.scene.report.curves == "all":
+            return tuple(claims)
+        return of_family(claims, self.data.asked.family)
 
     @cached_property
     def _drawing(self) -> BoundaryDrawing | None:

@@ -22,7 +22,7 @@ from percept.study.basics import Array, Stream, claim_of, generator
 from percept.study.boundaries import BoundaryDrawing
 from percept.study.fit import Fit
 from percept.study.intervals import bayesian_rows
-from percept.study.regions import Law, posterior_laws, regions_of
+from percept.study.regions import Law, posterior_laws, rectangles, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def predict(
         k, b = values.tolist()
         environment = haptics.Environment(stiffness=k, damping=b, mass=mass)
         setup = dataclasses.replace(study.setup, references=dict.fromkeys(names, environment))
-        regions = regions_of(rows, laws, None, data.asked)
+        regions = regions_of(rectangles(rows), laws, None, data.asked)
         tolerance = data.asked.tolerance
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, tolerance)
         boundaries = drawing.at(None, names, data.asked.kinds)

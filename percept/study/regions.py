@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +89,10 @@ class SubjectPairs:
     b: Array  # (N,) N·s/m
 
 
+#: What curves are drawn for.
+Drawn = TypeVar("Drawn", Region, SubjectPairs)
+
+
 def displayable(values: Array) -> Array:
     """Bring draws and limits (N/m, N·s/m) into the range that impedances can be computed for.
 
@@ -99,10 +103,10 @@ def displayable(values: Array) -> Array:
 
 
 def regions_of(
-    intervals: Sequence[IntervalRow], laws: Sequence[Law], fit: Fit | None, asked: InferenceTable
+    rectangles: Iterable[Region], laws: Sequence[Law], fit: Fit | None, asked: InferenceTable
 ) -> tuple[Region, ...]:
-    """Put together the rectangles of every method, and the ellipses of its laws."""
-    regions = list(rectangles(intervals))
+    """Add Bonferroni's rectangles, and the ellipses of every law, to those of intervals."""
+    regions = list(rectangles)
     if fit is not None and is_impedance(fit.parameters):
         regions += _bonferroni(fit, asked)
     for law in laws:
@@ -110,6 +114,13 @@ def regions_of(
         if region is not None:
             regions.append(region)
     return tuple(regions)
+
+
+def of_family(claims: Iterable[Drawn], family: Family) -> list[Drawn]:
+    """Return what is of a family; where an environment has nothing of it, what is of the other."""
+    found = list(claims)
+    with_family = {one.environment for one in found if one.family == family}
+    return [one for one in found if one.family == family or one.environment not in with_family]
 
 
 def rectangles(intervals: Sequence[IntervalRow]) -> Iterator[Region]:

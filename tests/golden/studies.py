@@ -82,6 +82,8 @@ class Golden:
     def study(self, **inference: Any) -> percept.Study:
         """Open the study, with other settings of the scene's [inference]."""
         scene = percept.Scene.load(self.scene).with_inference(**inference)
+        shown = scene.report.model_dump(exclude_none=True)
+        scene = scene.with_tables(report={**shown, "curves": "all"})
         sessions = percept.read_sessions(self.sessions, scene=scene)
         return percept.Study(sessions, scene, store=SHARED)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
@@ -118,7 +119,6 @@ def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
     [
         (5.0, {}, "omega must be a list of frequencies in rad/s"),
         ([], {}, "omega must be a list of frequencies in rad/s"),
-        ([[1.0, 2.0]], {}, "omega must be a list of frequencies in rad/s"),
         ([0.0, 1.0], {}, "omega must be positive and increase, in rad/s"),
         ([2.0, 1.0], {}, "omega must be positive and increase, in rad/s"),
         (
@@ -152,6 +152,30 @@ def test_windows_follow_the_scene_and_are_cut_or_left_out():
         "zoom window of A",
         "zoom window of D",
     }
+
+
+def test_curves_are_of_the_scenes_family_unless_all_are_asked_for():
+    found, everything = (
+        study(frequency={"points": 5}, report={"curves": curves}) for curves in ("family", "all")
+    )
+    drawn = found.curves
+    assert set(drawn["family"]) == {"lognormal"}
+    both = everything.curves
+    same = both[both["family"] == "lognormal"]
+    pd.testing.assert_frame_equal(drawn, same.reset_index(drop=True), check_exact=True)
+    assert set(both["family"]) == set(found.intervals["family"]) == {"lognormal", "normal"}
+    assert found.coupling.memberships == everything.coupling.memberships
+
+
+def test_an_environment_without_the_scenes_family_has_curves_of_the_other():
+    """Somebody set no damping at all, which has no logarithm."""
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    table.loc[table["environment"] == "VE1", "b_adj"] -= table["b_adj"].iloc[0]
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical", kinds=("user",))
+    curves = Study(Sessions.from_frame(table), scene).curves
+    families = curves.groupby("environment")["family"].unique()
+    assert families["VE1"].tolist() == ["normal"]
+    assert families["VE2"].tolist() == ["lognormal"]
 
 
 MODE = {"mass": 0.5, "stiffness": 2500.0}  # at 70.7 rad/s

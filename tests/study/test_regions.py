@@ -43,6 +43,7 @@ def test_ellipses_whose_ends_no_double_holds_are_left_out() -> None:
         "inference": {"method": "classical"},
         "device": {"mass": 1.0, "damping": 5.0, "period": 1e-3},
         "frequency": {"points": 5},
+        "report": {"curves": "all"},
     }
     table = table_of(("k", "b"), subjects=3, s=1.5)
     ellipses = [
