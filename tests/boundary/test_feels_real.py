@@ -76,29 +76,26 @@ def test_the_least_probable_omega_is_found_between_frequencies():
     assert found.lowest < on_grid.mean(axis=0).min() - 0.1
 
 
-def test_users_about_the_wall_feel_it_and_far_ones_do_not():
-    near = feels_real(DISPLAY, populations(0.0, 0.2), OMEGA, central=LEVEL, decision=DECISION)
-    assert (near.probability, judge(near.probability, DECISION)) == (1.0, "feels real")
-    far = feels_real(DISPLAY, populations(4.0, 0.2), OMEGA, central=LEVEL, decision=DECISION)
-    assert (far.probability, judge(far.probability, DECISION)) == (0.0, "does not")
+SOFT = Coupling(stiffness=250.0, damping=2.0)
 
 
-def test_a_wider_boundary_is_no_evidence():
-    # The wall lies three SDs off. Better data of the same users settle it; worse ones do not.
-    probabilities = [
-        feels_real(
-            DISPLAY, populations(3.0, 0.2, spread=spread), OMEGA, central=LEVEL, decision=DECISION
-        ).probability
-        for spread in (0.05, 0.5, 2.0)
-    ]
-    assert judge(probabilities[0], DECISION) == "does not"
-    assert judge(probabilities[2], DECISION) != "feels real"
-
-
-def test_a_soft_coupling_shows_another_wall():
-    soft = Display(DISPLAY.loop, WALL, Coupling(stiffness=250.0, damping=2.0))
-    evidence = feels_real(soft, populations(0.0, 0.1), OMEGA, central=LEVEL, decision=DECISION)
-    assert judge(evidence.probability, DECISION) == "does not"
+@pytest.mark.parametrize(
+    ("bias", "spread", "coupling", "outcome"),
+    [
+        (0.0, 0.0, None, "feels real"),
+        (4.0, 0.0, None, "does not"),
+        # Three SDs off better data of the same users settle it; worse ones do not.
+        (3.0, 0.05, None, "does not"),
+        (3.0, 2.0, None, "too little data"),
+        # A soft coupling shows another wall.
+        (0.0, 0.0, SOFT, "does not"),
+    ],
+)
+def test_known_cases(bias, spread, coupling, outcome):
+    display = Display(DISPLAY.loop, WALL, coupling)
+    users = populations(bias, 0.2, spread=spread)
+    evidence = feels_real(display, users, OMEGA, central=LEVEL, decision=DECISION)
+    assert judge(evidence.probability, DECISION) == outcome
 
 
 def test_draws_are_added_only_while_the_error_straddles_a_threshold():
@@ -124,9 +121,3 @@ def test_scores_are_those_of_the_share_below():
     users = Users(True, np.log([[300.0], [2.0]]), np.array([[0.2], [1e-4]]), np.zeros(1))
     (found,) = search_scores(DISPLAY, users, np.array([0.1]), EDGES).at_omega[0]
     assert found == pytest.approx(np.log(500.0 / 300.0) / 0.2, abs=1e-5)
-
-
-def test_three_outcomes():
-    assert judge(0.95, DECISION) == "feels real"
-    assert judge(0.05, DECISION) == "does not"
-    assert judge(0.949, DECISION) == judge(0.051, DECISION) == "too little data"

@@ -49,8 +49,6 @@ def test_a_kind_that_was_not_asked_for_is_named():
 
 def test_curves_are_the_boundaries_row_by_row():
     study = classical(kinds=("user",))
-    scene = study.scene.with_tables(frequency={"lower": 1.0, "upper": 50.0, "points": 7})
-    study = study.over(study.sessions, scene)
     table, start = study.curves, 0
     for boundary in study.boundaries:
         part = table.iloc[start : start + boundary.omega.size]
