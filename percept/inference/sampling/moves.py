@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 import sys
-from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -43,6 +42,8 @@ if _is_missing:
     del sys.modules["scipy.stats"]
 
 Array = NDArray[np.float64]
+#: A log density of points (N, d), shape (N,).
+Density = Callable[[Array], Array]
 
 #: Tails a little heavier than normal: a proposal must not miss what the transport did. There are as
 #: many degrees of freedom as dimensions: with fewer, the radius alone would not look normal.
@@ -74,35 +75,28 @@ def describe_point(names: list[str], point: Array) -> str:
     return ", ".join(f"{names[i]} = {point[i]:.6g}" for i in extreme)
 
 
+@dataclass(frozen=True, eq=False)
 class Transported:
-    """A target in the coordinates of a map, whose values are never NaN.
+    """A target in the coordinates of a map, whose values are never NaN."""
 
-    The map takes points (N, d) to the target's coordinates. It returns them with log abs det of the
-    Jacobian, shape (N,).
-    """
-
-    def __init__(self, target: Target, transport: Callable[[Array], tuple[Array, Array]]) -> None:
-        self._target = target
-        self._transport = transport
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the target's coordinates."""
-        return self._target.names
+    target: Target
+    #: Takes points (N, d) to the target's coordinates, and returns them with log abs det of the
+    #: Jacobian, shape (N,).
+    transport: Callable[[Array], tuple[Array, Array]]
 
     def map(self, z: Array) -> Array:
         """Take points to the target's coordinates."""
-        points, _ = self._transport(z)
+        points, _ = self.transport(z)
         return points
 
     def __call__(self, points: Array) -> Array:
         """Log density of points (W, d) of the map's coordinates, shape (W,)."""
-        mapped, log_jacobian = self._transport(points)
-        values = self._target(mapped)
+        mapped, log_jacobian = self.transport(points)
+        values = self.target(mapped)
         invalid = np.isnan(values)
         if invalid.any():
             first = int(np.argmax(invalid))
-            where = describe_point(self.names, mapped[first])
+            where = describe_point(self.target.names, mapped[first])
             raise RefusalError(f"the log density is NaN at {where}.")
         return values + log_jacobian
 
@@ -114,17 +108,11 @@ class ReferenceLaw:
         self.dimension = dimension
         self._df = max(_FEWEST_DF, float(dimension))
         self._total_df = self._df + dimension
-        self._log_constant = (
-            math.lgamma(0.5 * self._total_df)
-            - math.lgamma(0.5 * self._df)
-            - 0.5 * dimension * math.log(math.pi * self._df)
-        )
 
     def log_density(self, points: Array) -> Array:
-        """Log density at points of shape (N, d), shape (N,)."""
+        """Log density at points (N, d) but for a constant, shape (N,)."""
         square = np.einsum("nd,nd->n", points, points)
-        log_kernel = np.log1p(square / self._df)
-        return self._log_constant - 0.5 * self._total_df * log_kernel
+        return -0.5 * self._total_df * np.log1p(square / self._df)
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """Draw `count` points, shape (count, d)."""
@@ -150,22 +138,24 @@ class ReferenceLaw:
         return np.cos(angle)[:, None] * points + towards
 
 
-@dataclass(frozen=True, eq=False)
-class _Offer:
-    """Points offered to all N walkers at one step."""
-
-    points: Array  # (N, d)
-    log_prob: Array  # (N,) Log density
-    log_law: Array  # (N,) Log density of the reference law
-
-
 class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
-    """Metropolis-Hastings step of all walkers at once."""
+    """Metropolis-Hastings step of all walkers at once.
 
-    def __init__(self, rng: np.random.Generator, law: ReferenceLaw) -> None:
+    Points are drawn for walkers (N, d), for one step or several, (steps N, d), in a way that leaves
+    the law invariant.
+    """
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        law: ReferenceLaw,
+        draw: Callable[[Array], Array],
+    ) -> None:
         self._rng = rng
         self._law = law
-        self._offers: list[_Offer] = []
+        self._draw = draw
+        # Of each step to come: points (N, d), their log density and that of the law, (N,).
+        self._offers: list[tuple[Array, Array, Array]] = []
         self.accepted: Array | int = 0  # Accepted steps per walker
 
     def propose(
@@ -175,76 +165,49 @@ class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
         coords = state.coords.copy()
         log_prob = state.log_prob.copy()
         if not self._offers:
-            self._offers = self._weighed(coords, model)
-        offer = self._offers.pop()
+            points = self._draw(coords)
+            steps = len(points) // len(coords)
+            # The density itself: emcee's `compute_log_prob_fn` unpacks values one by one, for
+            # blobs.
+            weighed = (points, model.log_prob_fn(points), self._law.log_density(points))
+            self._offers = list(zip(*(np.split(array, steps) for array in weighed), strict=True))
+        offered, offered_log_prob, offered_log_law = self._offers.pop()
         uniform = self._rng.random(len(coords))
         log_weight = log_prob - self._law.log_density(coords)
         with np.errstate(divide="ignore", invalid="ignore"):
-            accepted = np.log(uniform) < offer.log_prob - offer.log_law - log_weight
+            accepted = np.log(uniform) < offered_log_prob - offered_log_law - log_weight
         self.accepted = self.accepted + accepted
-        coords[accepted] = offer.points[accepted]
-        log_prob[accepted] = offer.log_prob[accepted]
+        coords[accepted] = offered[accepted]
+        log_prob[accepted] = offered_log_prob[accepted]
         return emcee.State(coords, log_prob=log_prob), accepted
-
-    def _weighed(self, coords: Array, model: emcee.model.Model) -> list[_Offer]:
-        """Draw for this step and maybe some more, with one density call for all of them."""
-        points = self._draw(coords)
-        # The density itself: emcee's `compute_log_prob_fn` unpacks values one by one, for blobs.
-        log_prob = model.log_prob_fn(points)
-        log_law = self._law.log_density(points)
-        steps = len(points) // len(coords)
-        parts = [np.split(array, steps) for array in (points, log_prob, log_law)]
-        return [_Offer(*step) for step in zip(*parts, strict=True)]
-
-    @abstractmethod
-    def _draw(self, coords: Array) -> Array:
-        """Draw for walkers (N, d), for one step or several: (steps N, d)."""
-
-
-class IndependentMove(ReferenceMove):
-    """Independent draws from the reference law: they decorrelate at once where the transport fits.
-
-    No draw depends on where a walker is, so the draws of several steps share one density call.
-    """
-
-    def _draw(self, coords: Array) -> Array:
-        """Draw for several steps, wherever the walkers are."""
-        return self._law.draw(_AHEAD * len(coords), self._rng)
-
-
-class PCNMove(ReferenceMove):
-    """Preconditioned Crank-Nicolson steps for a t law: random rotations towards a fresh draw.
-
-    Small angles leave places that the transport serves badly.
-    """
-
-    def _draw(self, coords: Array) -> Array:
-        """Rotate every walker, for one step."""
-        return self._law.rotate(coords, self._rng)
 
 
 def standard_moves(
     law: ReferenceLaw,
     rng: np.random.Generator,
 ) -> list[tuple[ReferenceMove, float]]:
-    """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`."""
-    return [
-        (IndependentMove(rng, law), _INDEPENDENT),
-        (PCNMove(rng, law), 1.0 - _INDEPENDENT),
-    ]
+    """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`.
+
+    Independent draws decorrelate at once where the transport fits. No draw depends on where a
+    walker is, so the draws of several steps share one density call. Rotations are preconditioned
+    Crank-Nicolson steps for a t law: small angles leave places that the transport serves badly.
+    """
+    independent = ReferenceMove(rng, law, lambda walkers: law.draw(_AHEAD * len(walkers), rng))
+    rotated = ReferenceMove(rng, law, lambda walkers: law.rotate(walkers, rng))
+    return [(independent, _INDEPENDENT), (rotated, 1.0 - _INDEPENDENT)]
 
 
 class Ensembles:
-    """E ensembles of W walkers on a target."""
+    """E ensembles of W walkers on a log density."""
 
     def __init__(
         self,
-        target: Target,
+        density: Density,
         points: Array,
         seed: np.random.SeedSequence,
     ) -> None:
         """Start from points (E, W, d), which are left as they are."""
-        self._target = target
+        self._density = density
         self._shape = points.shape
         flat = points.reshape(-1, points.shape[-1])
         schedule_seed, draw_seed = seed.spawn(2)
@@ -253,7 +216,7 @@ class Ensembles:
         # silence.
         legacy = np.random.RandomState(np.random.MT19937(schedule_seed))
         random_state = legacy.get_state(legacy=True)
-        log_prob = target(flat)
+        log_prob = density(flat)
         self._state = emcee.State(flat, log_prob=log_prob, random_state=random_state, copy=True)
         self.accepted = np.zeros(len(flat))  # (E W,) Accepted steps per walker so far
         self.steps = 0  # Steps taken so far
@@ -264,10 +227,10 @@ class Ensembles:
         law = ReferenceLaw(dimension)
         moves = standard_moves(law, self._rng)
         sampler = emcee.EnsembleSampler(
-            ensembles * walkers, dimension, self._target, moves=moves, vectorize=True
+            ensembles * walkers, dimension, self._density, moves=moves, vectorize=True
         )
         # emcee's wrapper prints all walkers to the terminal when a density is interrupted.
-        sampler.log_prob_fn = self._target
+        sampler.log_prob_fn = self._density
         kept = np.empty((ensembles, steps // stride, walkers, dimension))
         chain = sampler.sample(
             self._state,

@@ -23,7 +23,6 @@ are weighted.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
@@ -32,6 +31,7 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.sampling.moves import (
+    Density,
     Ensembles,
     ReferenceLaw,
     Target,
@@ -76,8 +76,6 @@ _SKIPPED = 16
 _STRIDE = 2
 #: Ridge on a covariance, of its mean variance, that lets a thin sample be factored.
 _RIDGE = 1e-10
-#: A log density of points (N, d), shape (N,).
-Density = Callable[[Array], Array]
 #: Newton steps at most. Studies of 14 to 34 coordinates take 7 to 11; more would hint at a ridge,
 #: of which the sampler finds the rest.
 _MOST_STEPS = 30
@@ -245,7 +243,7 @@ def _weigh(
     shape: tuple[int, int],
 ) -> tuple[Array, Array]:
     """Draws (N, d) from the reference law, and the logs (N,) of the density over that law."""
-    size = len(transported.names)
+    size = len(transported.target.names)
     law = ReferenceLaw(size)
     ensembles, walkers = shape
     count = max(
@@ -263,7 +261,7 @@ def _weigh(
         points = "all points tried but one" if possible else "every point tried"
         raise RefusalError(
             f"the log density is -inf at {points}, for example at"
-            f" {describe_point(transported.names, point)}.",
+            f" {describe_point(transported.target.names, point)}.",
             hint="Check the data and the priors of these parameters.",
         )
     return z, values - law.log_density(z)

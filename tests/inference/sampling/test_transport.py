@@ -33,7 +33,7 @@ class Funnel(Normal):
 
 def efficiency(transported, count=20_000):
     """Effective share of importance draws."""
-    law = ReferenceLaw(len(transported.names))
+    law = ReferenceLaw(len(transported.target.names))
     z = law.draw(count, np.random.default_rng(3))
     log_weights = transported(z) - law.log_density(z)
     weights = np.exp(log_weights - log_weights.max())
