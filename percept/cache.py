@@ -21,10 +21,11 @@ import platformdirs
 import percept
 from percept.errors import UsageError
 from percept.files import exclusive, write_whole
-from percept.inference.sampling.gate import Estimates, Gate, Run, Settings
+from percept.inference.sampling.gate import Gate, Measured, Run, Settings
 
 _SUFFIX = ".npz"
-_ARRAYS = ("points", "components", "errors", "autocorrelation_times")
+_ARRAYS = ("points", "components")
+_MEASURED = ("value", "scale", "errors", "times", "rhats")
 # Bytes of all entries: some hundred posteriors of ordinary studies.
 _LIMIT = 1_000_000_000
 #: Packages that decide the digits of a run, and whether the gate passes it.
@@ -106,7 +107,7 @@ def encode(run: Run, question: str) -> bytes:
         "settings": dataclasses.asdict(run.settings),
     }
     arrays = {name: getattr(run, name) for name in _ARRAYS}
-    arrays |= {"value": run.estimates.value, "scale": run.estimates.scale}
+    arrays |= {name: getattr(run.estimates, name) for name in _MEASURED}
     archive = io.BytesIO()
     np.savez(archive, rest=np.frombuffer(json.dumps(rest).encode(), dtype=np.uint8), **arrays)
     return archive.getvalue()
@@ -121,7 +122,7 @@ def decode(data: bytes, question: str) -> Run:
         gate = Gate(**{**rest["gate"], "reasons": tuple(rest["gate"]["reasons"])})
         return Run(
             **{name: kept[name] for name in _ARRAYS},
-            estimates=Estimates(tuple(rest["names"]), kept["value"], kept["scale"]),
+            estimates=Measured(tuple(rest["names"]), *(kept[name] for name in _MEASURED)),
             gate=gate,
             steps=rest["steps"],
             stride=rest["stride"],

@@ -58,7 +58,7 @@ def by_percept(study: Observed, tolerance: float, seed: int) -> Fitted:
     }
     return Fitted(
         run.estimates.value.reshape(shape),
-        run.errors.reshape(shape),
+        run.estimates.errors.reshape(shape),
         gate.effective_draws,
         time.perf_counter() - started,
         notes,

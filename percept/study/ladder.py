@@ -136,7 +136,7 @@ def _measured(fit: Fit) -> _Intervals:
     cells = fit.model.cells
     for kind in fit.data.asked.kinds:
         lower, upper = fit.limits[kind]
-        ends = limits_of(fit.run.estimates.names, fit.run.errors, kind, cells)
+        ends = limits_of(fit.run.estimates.names, fit.run.estimates.errors, kind, cells)
         errors = fit.scale.unit * np.stack(ends)
         if fit.scale.log:
             errors = errors * np.stack([lower, upper])

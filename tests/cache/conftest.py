@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from percept.inference.sampling.gate import Estimates, Gate, Run, Settings
+from percept.inference.sampling.gate import Gate, Measured, Run, Settings
 
 
 @pytest.fixture
@@ -14,9 +14,14 @@ def run():
     return Run(
         points=points,
         components=components,
-        estimates=Estimates(("lower", "größer"), np.array([0.1, -0.0]), np.array([1.0, np.inf])),
-        errors=np.array([1e-3, 2e-3]),
-        autocorrelation_times=np.array([12.5, 1.0 / 3.0]),
+        estimates=Measured(
+            ("lower", "größer"),
+            value=np.array([0.1, -0.0]),
+            scale=np.array([1.0, np.inf]),
+            errors=np.array([1e-3, 2e-3]),
+            times=np.array([12.5, 1.0 / 3.0]),
+            rhats=np.array([1.0, np.nan]),
+        ),
         gate=Gate(
             False,
             ("late.", "stuck."),

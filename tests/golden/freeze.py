@@ -32,7 +32,9 @@ def freeze(golden: Golden) -> None:
 def _errors(golden: Golden) -> dict[str, list[float]]:
     """Monte Carlo error of each endpoint, as a fraction of its half-width on the model's scale."""
     run = golden.study(seed=SEED, tolerance=TOLERANCE).fit.run
-    relative = dict(zip(run.estimates.names, run.errors / run.estimates.scale, strict=True))
+    relative = dict(
+        zip(run.estimates.names, run.estimates.errors / run.estimates.scale, strict=True)
+    )
     found: dict[str, list[float]] = {}
     for name, error in relative.items():
         head, _, rest = name.partition(" limit of ")

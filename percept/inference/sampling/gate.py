@@ -65,6 +65,15 @@ class Estimates:
     scale: Array  # (Q,) What a tolerance of one means, such as an interval's half-width
 
 
+@dataclass(frozen=True, eq=False)
+class Measured(Estimates):
+    """Estimates of Q quantities, and how far they can be believed."""
+
+    errors: Array  # (Q,) Monte Carlo standard errors
+    times: Array  # (Q,) Autocorrelation times of the influence functions' ranks, in positions
+    rhats: Array  # (Q,) Rank R-hat of the influence functions across ensembles
+
+
 class Estimands(Protocol):
     """Reported quantities of a target."""
 
@@ -145,10 +154,7 @@ class Run:
 
     points: Array  # (E, T, W, d) Kept coordinates, one in `stride` steps
     components: Array  # (E, T, W, C) What the estimands keep per draw
-    estimates: Estimates  # What was asked for
-    errors: Array  # (Q,) Monte Carlo standard errors
-    #: (Q,) Autocorrelation times of the ranks of the influence functions, in steps
-    autocorrelation_times: Array
+    estimates: Measured  # What was asked for
     gate: Gate  # The verdict
     steps: int  # Per ensemble, burn-in included
     stride: int  # Steps between kept positions
@@ -193,53 +199,24 @@ class Run:
         return (first + batches).ravel()
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """Estimates and how far they can be believed."""
-
-    estimates: Estimates  # Q estimates
-    errors: Array  # (Q,) Monte Carlo standard errors
-    #: (Q,) Autocorrelation times of the influence functions' ranks, in kept positions
-    autocorrelation_times: Array
-    rhats: Array  # (Q,) Rank R-hat of the influence functions across ensembles
-
-
-@dataclass(frozen=True, eq=False)
-class Travel:
-    """How the walkers of a part went, and how long."""
-
-    acceptance: Array  # Accepted share of each walker's proposals
-    moved: NDArray[np.bool_]  # Whether each walker moved in the second half
-    length: int  # Kept positions per walker
-    stride: int  # Steps between these
-    spanned: int  # Steps that this part and all before it span
-
-
 def measure(estimands: Estimands, components: Array) -> Measured:
     """Estimate from components (E, T, W, C), and measure errors and convergence."""
     flat = components.reshape(-1, components.shape[-1])
+    names: list[str] = []
     groups = []
     for estimates, influence in estimands.estimates(flat):
         series = influence.reshape(*components.shape[:3], -1)
-        groups.append(_measure_estimates(estimates, series))
-    return Measured(
-        Estimates(
-            names=tuple(name for group in groups for name in group.estimates.names),
-            value=np.concatenate([group.estimates.value for group in groups]),
-            scale=np.concatenate([group.estimates.scale for group in groups]),
-        ),
-        errors=np.concatenate([group.errors for group in groups]),
-        autocorrelation_times=np.concatenate([group.autocorrelation_times for group in groups]),
-        rhats=np.concatenate([group.rhats for group in groups]),
-    )
+        names += estimates.names
+        errors = monte_carlo_error(series)
+        groups.append((estimates.value, estimates.scale, errors, *_mixing(series)))
+    return Measured(tuple(names), *(np.concatenate(parts) for parts in zip(*groups, strict=True)))
 
 
-def _measure_estimates(estimates: Estimates, series: Array) -> Measured:
-    """Measure influence functions (E, T, W, Q): errors of these, times and R-hat of their ranks.
+def _mixing(series: Array) -> tuple[Array, Array]:
+    """Measure autocorrelation times and R-hat (Q,) of the ranks of values (E, T, W, Q).
 
     Walkers are left out (`thin_walkers`) where there are more than a time or a rank needs.
     """
-    errors = monte_carlo_error(series)
     # Ranks, because with a heavy tail a few extreme draws would dominate the time and hide slower
     # parts.
     scores = normal_scores(thin_walkers(series, _RANKED))
@@ -252,12 +229,31 @@ def _measure_estimates(estimates: Estimates, series: Array) -> Measured:
     gap = max(1, round(float(longest)))
     ranked = scores[:, ::gap].reshape(ensembles, -1, count)
     tails = tail[:, ::gap].reshape(ensembles, -1, count)
-    rhats = np.maximum(split_rhat(ranked, "rank"), split_rhat(tails, "split"))
-    return Measured(estimates, errors, times, rhats)
+    return times, np.maximum(split_rhat(ranked, "rank"), split_rhat(tails, "split"))
 
 
-def pass_gate(settings: Settings, measured: Measured, travel: Travel) -> Gate:
+def pass_gate(
+    settings: Settings,
+    measured: Measured,
+    points: Array,
+    acceptance: Array,
+    stride: int,
+    spanned: int,
+) -> Gate:
     """Judge a run by its estimates and how its walkers went.
+
+    Parameters
+    ----------
+    settings : Settings
+        As given.
+    measured : Measured
+        Estimates.
+    points : ndarray
+        Kept positions of the last part of the run, one in `stride` steps, shape (E, T, W, d).
+    acceptance : ndarray
+        Accepted share of each walker's proposals, shape (E W,).
+    stride, spanned : int
+        Steps between kept positions, and steps that all parts span.
 
     Returns
     -------
@@ -265,17 +261,34 @@ def pass_gate(settings: Settings, measured: Measured, travel: Travel) -> Gate:
         Passed where the run spans `_TIMES_NEEDED` autocorrelation times of its slowest quantity,
         every walker moves, and the ensembles agree on every quantity.
     """
-    names = measured.estimates.names
-    times = measured.autocorrelation_times
-    slowest = int(np.argmax(times))
-    longest_time = float(times[slowest])
+    names = measured.names
+    ensembles, length, walkers, _ = points.shape
+    slowest = int(np.argmax(measured.times))
+    longest_time = float(measured.times[slowest])
     least_agreed = int(np.argmax(measured.rhats))
     rhat = float(measured.rhats[least_agreed])
-    relative = measured.errors / measured.estimates.scale
+    relative = measured.errors / measured.scale
     worst = int(np.argmax(relative))
     error = float(relative[worst])
-    reasons = _too_short(settings, names[slowest], longest_time, travel)
-    reasons += _stuck(travel)
+    times_run = length / longest_time
+    reasons = []
+    if times_run < _TIMES_NEEDED:
+        advice = ""
+        if math.isfinite(longest_time):
+            steps = _ADVISED_MARGIN * _TIMES_NEEDED * longest_time * stride
+            enough = _rounded_up(max(_LEAST_GROWTH * settings.most_steps, steps))
+            advice = f" most_steps = {enough} gives it more (now {settings.most_steps})."
+        reasons.append(
+            f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity,"
+            f" {names[slowest]}; {_TIMES_NEEDED:g} are needed.{advice}"
+        )
+    lowest_acceptance = float(acceptance.min())
+    still = int((np.ptp(points[:, length // 2 :, :, 0], axis=1) == 0).sum())
+    if still:
+        who = "1 walker" if still == 1 else f"{still} walkers"
+        reasons.append(f"{who} did not move in the second half of the run.")
+    elif lowest_acceptance < _STUCK:
+        reasons.append(f"a walker is stuck: it accepted {lowest_acceptance:.2%} of its proposals.")
     # Negated, so that NaN fails too.
     if not rhat < _RHAT_LIMIT:
         reasons.append(
@@ -295,13 +308,13 @@ def pass_gate(settings: Settings, measured: Measured, travel: Travel) -> Gate:
         passed=not reasons,
         reasons=tuple(reasons),
         rhat=rhat,
-        autocorrelation_time=longest_time * travel.stride,
+        autocorrelation_time=longest_time * stride,
         slowest=names[slowest],
-        times_run=travel.length / longest_time,
+        times_run=times_run,
         # Of all parts of the run, where `times_run` speaks of the last one.
-        effective_draws=travel.moved.size * (travel.spanned / travel.stride) / longest_time,
-        acceptance=float(travel.acceptance.mean()),
-        lowest_acceptance=float(travel.acceptance.min()),
+        effective_draws=ensembles * walkers * (spanned / stride) / longest_time,
+        acceptance=float(acceptance.mean()),
+        lowest_acceptance=lowest_acceptance,
         worst_error=error,
         worst=names[worst],
         tolerance_met=not error_reached,
@@ -309,40 +322,7 @@ def pass_gate(settings: Settings, measured: Measured, travel: Travel) -> Gate:
     )
 
 
-def _too_short(
-    settings: Settings,
-    slowest: str,
-    autocorrelation_time: float,
-    travel: Travel,
-) -> list[str]:
-    """Say that a part spans too few autocorrelation times, and which most_steps would do."""
-    times_run = travel.length / autocorrelation_time
-    if times_run >= _TIMES_NEEDED:
-        return []
-    advice = ""
-    if math.isfinite(autocorrelation_time):
-        steps = _ADVISED_MARGIN * _TIMES_NEEDED * autocorrelation_time * travel.stride
-        enough = _rounded_up(max(_LEAST_GROWTH * settings.most_steps, steps))
-        advice = f" most_steps = {enough} gives it more (now {settings.most_steps})."
-    return [
-        f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity, {slowest};"
-        f" {_TIMES_NEEDED:g} are needed.{advice}"
-    ]
-
-
 def _rounded_up(steps: float) -> int:
     """Round a number of steps up to one digit."""
     unit = 10 ** math.floor(math.log10(steps))
     return math.ceil(steps / unit) * unit
-
-
-def _stuck(travel: Travel) -> list[str]:
-    """Say that walkers stayed where they were, or nearly so."""
-    still = int((~travel.moved).sum())
-    if still:
-        walkers = "1 walker" if still == 1 else f"{still} walkers"
-        return [f"{walkers} did not move in the second half of the run."]
-    lowest = travel.acceptance.min()
-    if lowest < _STUCK:
-        return [f"a walker is stuck: it accepted {lowest:.2%} of its proposals."]
-    return []

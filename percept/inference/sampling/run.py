@@ -43,7 +43,6 @@ from percept.inference.sampling.gate import (
     Progress,
     Run,
     Settings,
-    Travel,
     measure,
     pass_gate,
 )
@@ -89,14 +88,12 @@ _MARGIN = 1.1
 _MOST_GROWTH = 2.0
 
 
-@dataclass(frozen=True)
-class Memory:
-    """How much of a run is held at once."""
-
-    draws: int = 1 << 17  # Kept draws of a part, over all ensembles
-    numbers: int = 1 << 25  # Numbers worked out from them, 256 MiB; two parts are held
-    #: Positions of a part, at least: fewer could not span the autocorrelation times the gate needs.
-    fewest_positions: int = 32
+#: Kept draws of a part, over all ensembles.
+MOST_DRAWS = 1 << 17
+#: Numbers worked out from the draws of a part, 256 MiB; two parts are held.
+_MOST_NUMBERS = 1 << 25
+#: Positions of a part, at least: fewer could not span the autocorrelation times the gate needs.
+FEWEST_POSITIONS = 32
 
 
 @dataclass(frozen=True)
@@ -105,16 +102,8 @@ class Task:
 
     estimands: Estimands
     settings: Settings
-    memory: Memory = Memory()
-    progress: Callable[[Progress], None] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class _Closed:
-    """The parts of a run that are closed."""
-
-    run: Run  # With the estimates of all of them
-    steps: int  # Steps they span
+    most_draws: int  # Kept draws of a part
+    progress: Callable[[Progress], None] | None
 
 
 class Chain:
@@ -137,7 +126,8 @@ class Chain:
         self._walkers.advance(_BURN_IN, _BURN_IN)
         self._points: list[Array] = []  # each (E, T, W, d)
         self._components: list[Array] = []  # each (E, T, W, C)
-        self._closed: _Closed | None = None
+        self._closed: Run | None = None  # With the estimates of all closed parts
+        self._closed_steps = 0  # Steps they span
         self._most_positions = self._positions_in_memory(points)
         # Steps that the current part is to span.
         self._goal = min(_FIRST_ROUND, self._most_positions * stride)
@@ -147,33 +137,22 @@ class Chain:
     def _positions_in_memory(self, points: Array) -> int:
         """Positions of all walkers that a part has room for."""
         ensembles, walkers, dimension = points.shape
-        memory = self._task.memory
         point = self._transported.map(points[0, :1])
         components = self._task.estimands.components(point).shape[-1]
         # A component needs room for its values and for about two influence functions.
-        room = memory.numbers // (dimension + 3 * components)
-        draws = min(memory.draws, room)
-        return max(draws // (ensembles * walkers), memory.fewest_positions)
-
-    @property
-    def _length(self) -> int:
-        """Kept positions of the current part."""
-        return sum(points.shape[1] for points in self._points)
-
-    @property
-    def _full(self) -> bool:
-        """Whether the current part has no room left."""
-        return self._length >= self._most_positions
+        room = _MOST_NUMBERS // (dimension + 3 * components)
+        draws = min(self._task.most_draws, room)
+        return max(draws // (ensembles * walkers), FEWEST_POSITIONS)
 
     @property
     def _steps(self) -> int:
         """Steps the kept positions of the current part span."""
-        return self._length * self._stride
+        return sum(points.shape[1] for points in self._points) * self._stride
 
     @property
-    def _closed_steps(self) -> int:
-        """Steps the closed parts span."""
-        return self._closed.steps if self._closed else 0
+    def _full(self) -> bool:
+        """Whether the current part has no room left."""
+        return self._steps >= self._most_positions * self._stride
 
     @property
     def _steps_left(self) -> int:
@@ -222,62 +201,51 @@ class Chain:
         self._points = [points]
         self._components = [components]
         measured = measure(self._task.estimands, components)
-        if self._closed:
-            measured = self._averaged(measured, self._closed)
+        closed = self._closed
+        if closed:
+            measured = self._averaged(measured, closed.estimates)
+        gate = pass_gate(
+            self._task.settings,
+            measured,
+            points,
+            self._walkers.accepted / self._walkers.steps,
+            stride=self._stride,
+            spanned=self.spanned,
+        )
         run = Run(
             points=points,
             components=components,
-            estimates=measured.estimates,
-            errors=measured.errors,
-            autocorrelation_times=measured.autocorrelation_times * self._stride,
-            gate=pass_gate(self._task.settings, measured, self._travel(points)),
+            estimates=measured,
+            gate=gate,
             steps=self._walkers.steps,
             stride=self._stride,
             settings=self._task.settings,
         )
-        if self._closed:
-            first = self._closed.run
+        if closed:
             run = replace(
-                run, points=first.points, components=first.components, stride=first.stride
+                run, points=closed.points, components=closed.components, stride=closed.stride
             )
-        self._error = run.gate.worst_error
+        self._error = gate.worst_error
         self._expected = self._walkers.steps - self.spanned + self.steps_needed(run)
         self._tell()
         return run
 
-    def _travel(self, points: Array) -> Travel:
-        """Summarise how the walkers moved, from kept positions (E, T, W, d) of the current part."""
-        half = points.shape[1] // 2
-        second_half = points[:, half:, :, 0]
-        return Travel(
-            acceptance=self._walkers.accepted / self._walkers.steps,
-            moved=np.ptp(second_half, axis=1) > 0,
-            length=self._length,
-            stride=self._stride,
-            spanned=self.spanned,
-        )
-
-    def _averaged(self, part: Measured, closed: _Closed) -> Measured:
+    def _averaged(self, part: Measured, before: Measured) -> Measured:
         """Average with the closed parts' estimates, by steps; errors add as for independent parts.
 
         It costs a bias of the order of a part's squared Monte Carlo error.
         """
         share = self._steps / self.spanned
-        before = closed.run.estimates.value
-        value = before + share * (part.estimates.value - before)
-        errors_before = (1.0 - share) * closed.run.errors
-        errors = np.hypot(errors_before, share * part.errors)
-        estimates = replace(part.estimates, value=value)
-        return replace(part, estimates=estimates, errors=errors)
+        return replace(
+            part,
+            value=before.value + share * (part.value - before.value),
+            errors=np.hypot((1.0 - share) * before.errors, share * part.errors),
+        )
 
     def at_its_end(self, run: Run) -> bool:
         """Whether no steps are left, or too few to judge another part by."""
-        if not self._full:
-            return self._steps_left < 1
         # A last part too short to settle would take the verdict from the parts before it.
-        shortest = self._task.memory.fewest_positions * self._stride
-        if run.gate.passed:
-            shortest = max(shortest, run.steps_to_settle)
+        shortest = run.steps_to_settle if self._full and run.gate.passed else 1
         return self._steps_left < shortest
 
     def go_on(self, run: Run) -> None:
@@ -292,7 +260,8 @@ class Chain:
     def _make_room(self, run: Run) -> None:
         """Close a full part that has settled; thin one that will be full before it has."""
         if run.gate.passed and self._full:
-            self._closed = _Closed(run, self.spanned)
+            self._closed = run
+            self._closed_steps = self.spanned
             self._points = []
             self._components = []
         elif not run.gate.passed:
@@ -318,7 +287,7 @@ def sample(
     settings: Settings,
     *,
     progress: Callable[[Progress], None] | None = None,
-    memory: Memory | None = None,
+    most_draws: int = MOST_DRAWS,
 ) -> Run:
     """Sample a target with emcee to a stated accuracy.
 
@@ -332,8 +301,8 @@ def sample(
         Tolerance, seed, and how many ensembles, walkers and steps.
     progress : callable, optional
         Told the state of the run after every round.
-    memory : Memory, optional
-        How much of the run is held at once; longer runs are estimated in parts.
+    most_draws : int
+        Kept draws that are held at once, over all ensembles; longer runs are estimated in parts.
 
     Returns
     -------
@@ -346,7 +315,7 @@ def sample(
         A density that is NaN somewhere, or -inf everywhere.
     """
     _keep_freed_memory()
-    task = Task(estimands, settings, memory or Memory(), progress)
+    task = Task(estimands, settings, most_draws, progress)
     # Two seeds to begin with, and two for each restart.
     seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_RESTARTS)
     walkers = settings.walkers or _WALKERS

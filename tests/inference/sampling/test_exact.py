@@ -21,7 +21,7 @@ def test_reference_prior_gives_the_classical_intervals_of_the_published_study():
     )
     fit = study.fit
     assert fit.run.gate.passed, fit.run.gate.reasons
-    errors = dict(zip(fit.run.estimates.names, fit.run.errors, strict=True))
+    errors = dict(zip(fit.run.estimates.names, fit.run.estimates.errors, strict=True))
     table = study.sessions.table
     for c, (parameter, environment) in enumerate(fit.model.cells):
         values = table.loc[table["environment"] == environment, f"{parameter}_adj"].to_numpy()
@@ -61,10 +61,14 @@ def test_nist_markov_chain_case(offset, tmp_path):
         mean = mp.fsum(mp.mpf(v) for v in values) / 11
         sd = mp.sqrt(mp.fsum((mp.mpf(v) - mean) ** 2 for v in values) / 10)
     half = stats.t.isf(0.025, 10) * float(sd) / np.sqrt(11)
-    for (limit,), error, sign in zip(study.fit.limits["mean"], run.errors, (-1, 1), strict=True):
+    for (limit,), error, sign in zip(
+        study.fit.limits["mean"], run.estimates.errors, (-1, 1), strict=True
+    ):
         wanted = float(mean + sign * half)
         # The limit is a double near the offset; its spacing adds to the Monte Carlo error.
         assert abs(limit - wanted) <= 4 * error * float(sd) + np.spacing(abs(wanted))
     if offset == 0.0:
         certified = np.array([0.132819085883166, 0.267180914116834])
-        assert np.all(np.abs(np.ravel(study.fit.limits["mean"]) - certified) < 4 * run.errors * 0.1)
+        assert np.all(
+            np.abs(np.ravel(study.fit.limits["mean"]) - certified) < 4 * run.estimates.errors * 0.1
+        )

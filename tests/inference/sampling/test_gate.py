@@ -7,10 +7,8 @@ from scipy import signal
 from percept.errors import RefusalError, UsageError
 from percept.inference.sampling.diagnostics import split_rhat
 from percept.inference.sampling.gate import (
-    Estimates,
     Measured,
     Settings,
-    Travel,
     measure,
     pass_gate,
 )
@@ -54,7 +52,7 @@ def test_passes_on_a_plain_target():
     assert run.gate.tolerance_met
     assert run.gate.error_reached == ""
     assert run.gate.worst == "E x[0]"
-    assert abs(run.estimates.value[0]) < 4 * run.errors[0]
+    assert abs(run.estimates.value[0]) < 4 * run.estimates.errors[0]
 
 
 def test_stuck_walkers_are_withheld():
@@ -65,18 +63,14 @@ def test_stuck_walkers_are_withheld():
     )
 
 
-def verdict(*, error=0.02, time=1.0, rhat=1.0, acceptance=None, moved=None, length=60):
+def verdict(*, error=0.02, time=1.0, rhat=1.0, acceptance=0.5, moved=True, length=60):
     """The gate of one quantity that is as it should be but for what is given; 32 walkers."""
-    estimates = Estimates(("E x",), np.zeros(1), np.ones(1))
-    measured = Measured(estimates, np.array([error]), np.array([time]), np.array([rhat]))
-    travel = Travel(
-        np.full((4, 8), 0.5) if acceptance is None else acceptance,
-        np.ones((4, 8), dtype=bool) if moved is None else moved,
-        length=length,
-        stride=1,
-        spanned=length,
-    )
-    return pass_gate(Settings(tolerance=0.5), measured, travel)
+    numbers = np.array([[0.0], [1.0], [error], [time], [rhat]])
+    points = np.zeros((4, length, 8, 1)) + moved * np.arange(length)[:, None, None]
+    accepted = np.full(32, 0.5)
+    accepted[13] = acceptance
+    measured = Measured(("E x",), *numbers)
+    return pass_gate(Settings(tolerance=0.5), measured, points, accepted, stride=1, spanned=length)
 
 
 def test_rank_rhat_of_one_hundredth_above_one_is_too_much():
@@ -100,19 +94,16 @@ def test_ten_autocorrelation_times_are_needed():
 
 
 def test_one_walker_that_does_not_move_is_too_much():
-    moved = np.ones((4, 8), dtype=bool)
-    moved[1, 5] = False
+    moved = np.ones((4, 1, 8, 1))
+    moved[1, :, 5] = 0.0
     assert verdict(moved=moved).reasons == ("1 walker did not move in the second half of the run.",)
 
 
 def test_a_walker_that_hardly_accepts_is_withheld():
     """It moved now and then, but far too seldom to have seen its surroundings."""
-    acceptance = np.full((4, 8), 0.5)
-    acceptance[2, 3] = 0.004
-    stuck = verdict(acceptance=acceptance)
+    stuck = verdict(acceptance=0.004)
     assert stuck.reasons == ("a walker is stuck: it accepted 0.40% of its proposals.",)
-    acceptance[2, 3] = 0.006
-    assert verdict(acceptance=acceptance).passed
+    assert verdict(acceptance=0.006).passed
 
 
 def test_a_run_that_mixes_ends_at_its_cap_with_the_error_it_reached():
@@ -127,7 +118,7 @@ def test_a_run_that_mixes_ends_at_its_cap_with_the_error_it_reached():
         == f"The Monte Carlo error reached is {100 * run.gate.worst_error:.3g} % of a half-width (E"
         " x[0]), and 0.001 % was requested. A larger most_steps (now 300) lowers it."
     )
-    assert abs(run.estimates.value[0]) < 4 * run.errors[0]
+    assert abs(run.estimates.value[0]) < 4 * run.estimates.errors[0]
 
 
 def test_a_negative_seed_is_refused():
@@ -150,7 +141,7 @@ def test_a_truncated_target_is_sampled():
     """-inf on a part is legal: a half of the normal, whose mean is sqrt(2/pi) below zero."""
     run = sample(Hole(2, -np.inf, 0.0), MEAN, Settings(tolerance=0.02, seed=4))
     assert run.gate.passed, run.gate.reasons
-    assert abs(run.estimates.value[0] + np.sqrt(2 / np.pi)) < 4 * run.errors[0]
+    assert abs(run.estimates.value[0] + np.sqrt(2 / np.pi)) < 4 * run.estimates.errors[0]
 
 
 def test_same_seed_same_digits_other_seed_same_answer():
@@ -159,7 +150,7 @@ def test_same_seed_same_digits_other_seed_same_answer():
     np.testing.assert_array_equal(runs[0].estimates.value, runs[1].estimates.value)
     assert runs[0].gate == runs[1].gate
     assert not np.array_equal(runs[0].points[:, :5], runs[2].points[:, :5])
-    error = np.hypot(runs[0].errors, runs[2].errors)
+    error = np.hypot(runs[0].estimates.errors, runs[2].estimates.errors)
     assert np.all(np.abs(runs[0].estimates.value - runs[2].estimates.value) < 4 * error)
 
 
@@ -168,10 +159,10 @@ def judged(components):
     steps."""
     names = tuple(f"E x[{i}]" for i in range(components.shape[-1]))
     found = measure(Means(names, first), components)
-    accepted = np.full((len(components), components.shape[2]), 0.5)
-    length = components.shape[1]
-    travel = Travel(accepted, accepted > 0, length=length, stride=3, spanned=3 * length)
-    return pass_gate(Settings(tolerance=0.9), found, travel)
+    ensembles, length, walkers, _ = components.shape
+    points = np.tile(np.arange(length)[:, None, None], (ensembles, 1, walkers, 1))
+    accepted = np.full(ensembles * walkers, 0.5)
+    return pass_gate(Settings(tolerance=0.9), found, points, accepted, 3, 3 * length)
 
 
 def test_rare_spikes_do_not_hide_what_is_slow():

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.run import Memory, sample
+from percept.inference.sampling.run import FEWEST_POSITIONS, sample
 from tests import LONG
 from tests.inference.sampling.targets import Means, Normal, SkewedHeavy
 
@@ -23,16 +23,12 @@ class Remembered(Means):
         return found
 
 
-#: Parts of as few positions as there may be.
-SMALL = Memory(draws=1)
-
-
 def test_means_are_those_of_all_draws():
     means = Remembered()
-    run = sample(SkewedHeavy(3), means, Settings(tolerance=0.0025, seed=3), memory=SMALL)
+    run = sample(SkewedHeavy(3), means, Settings(tolerance=0.0025, seed=3), most_draws=1)
     assert run.gate.passed, run.gate.reasons
     kept = run.points[..., 0].size
-    assert run.points.shape[1] <= SMALL.fewest_positions
+    assert run.points.shape[1] <= FEWEST_POSITIONS
     # A chain begins with a call of one draw. The last chain's draws count.
     begun = max(call for call, values in enumerate(means.values) if len(values) == 1)
     drawn = np.concatenate(means.values[begun + 1 :])
@@ -47,12 +43,12 @@ def test_claimed_errors_of_parts_together_are_right():
     count = 40 if LONG else 3
     means = Means(("E x",), lambda points: points[:, :1])
     runs = [
-        sample(Normal(2), means, Settings(tolerance=0.004, seed=seed), memory=SMALL)
+        sample(Normal(2), means, Settings(tolerance=0.004, seed=seed), most_draws=1)
         for seed in range(1, count + 1)
     ]
     assert all(run.gate.passed for run in runs)
     # Refined runs keep one position in six steps, first rounds one in three.
     assert all(run.stride > 3 for run in runs)
-    z = np.array([run.estimates.value[0] / run.errors[0] for run in runs])
+    z = np.array([run.estimates.value[0] / run.estimates.errors[0] for run in runs])
     # Sum of squares of standard normals: beyond these with probability 0.001 each.
     assert stats.chi2.ppf(0.001, count) < z @ z < stats.chi2.isf(0.001, count)

@@ -65,7 +65,7 @@ def answered(study):
 def on_the_model_scale(fit):
     """Limits (kinds, sides, C) as log ratios, and their Monte Carlo errors."""
     shape = (len(fit.limits), 2, -1)
-    return fit.run.estimates.value.reshape(shape), fit.run.errors.reshape(shape)
+    return fit.run.estimates.value.reshape(shape), fit.run.estimates.errors.reshape(shape)
 
 
 def half_widths(fit):
