@@ -34,7 +34,7 @@ GROUPS = {
     "design": {
         "plan": ("design", "plan the number of subjects"),
         "calibrate": ("design", "simulate, refit and report real coverage"),
-        "zwidth": ("zwidth", "what a device renders with every hand"),
+        "zwidth": ("design", "what a device renders with every hand"),
     },
     "data": {
         "new": ("data", "write a commented scene file"),

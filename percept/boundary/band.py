@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import elementwise
 
 from percept.inference.record import Family, Method
-from percept.results import BandLaw, BandStatement, Coefficient
+from percept.results import BandLaw, Coefficient
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,6 @@ __all__ = [
     "LAWS",
     "BandOwner",
     "band_laws",
-    "band_statements",
     "determines_laws",
     "fit_law",
     "law_band",
@@ -132,28 +131,6 @@ def band_laws(
             left_out_error=typical[law],
             best=float(np.mean(winners == index)),
             carried_by=carried_by,
-        )
-
-
-def band_statements(sizes: Array, replicates: Array, whose: BandOwner) -> Iterator[BandStatement]:
-    """Judge three statements on bands (S, J) at small against large sizes (J,)."""
-    size = size_name(whose.parameter)
-    order = np.argsort(sizes)
-    absolute = replicates[:, order]
-    relative = absolute / sizes[order]
-    ends = f"The band is narrower at the lowest {size} than at the highest"
-    widens = f"The band widens from each reference to the next higher {size}"
-    steps = np.diff(absolute, axis=1)
-    judged = {
-        f"{ends} (absolute width).": absolute[:, 0] < absolute[:, -1],
-        f"{ends}, relative to the {size}.": relative[:, 0] < relative[:, -1],
-        f"{widens} (absolute width).": (steps > 0).all(axis=1),
-    }
-    for statement, true in judged.items():
-        yield BandStatement(
-            **vars(whose),
-            statement=statement,
-            probability=float(np.mean(true)),
         )
 
 

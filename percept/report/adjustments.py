@@ -337,11 +337,11 @@ def contrast_sentences(results: Results) -> list[str]:
     It is over all references where there is such a one, of the average user, and of the better
     method.
     """
-    rows = [row for row in contrast_rows(results) if row.of not in ("level", "spread", "precision")]
+    means = matching(contrast_rows(results), kind="mean")
+    rows = [row for row in means if row.of != "level"]
     clearest = []
     for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in rows):
         chosen = matching(rows, factor=factor, parameter=parameter)
-        chosen = matching(chosen, kind=present(KINDS, chosen, "kind")[0])
         chosen = matching(chosen, method=present(METHODS[::-1], chosen, "method")[0])
         clearest.append(max(matching(chosen, environment=None) or chosen, key=_clarity))
     clearest.sort(key=lambda row: row.of != "interaction")
@@ -356,10 +356,7 @@ def _clarity(row: ContrastRow) -> float:
 def _difference(row: ContrastRow, results: Results) -> str:
     """Say how the second level differs from the first, and on how much of the study that rests."""
     words = results.data.words
-    who = {"user": f"next {words.user}’s ", "share": f"most {possessive(words.users)} "}.get(
-        row.kind or "", ""
-    )
-    what = who + results.data.quantities[row.parameter].label
+    what = results.data.quantities[row.parameter].label
     if row.environment and results.data.references > 1:
         what += f" in {row.environment}"
     factor, first, second = row.factor, row.first, row.second

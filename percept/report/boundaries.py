@@ -228,7 +228,6 @@ def _band(results: Results, parameter: str | None) -> Section:
     chosen = {"family": family_of(results), "parameter": parameter}
     rows = matching(results.band.rows, **chosen)
     laws = matching(results.band.laws, **chosen)
-    statements = matching(results.band.statements, **chosen)
     if parameter is None:
         name, what, symbol, unit = "band", "|Z_e|", "|Z_e|", "N·s/m"
         at = f" at {results.band.omega:g} rad/s, without the device"
@@ -245,9 +244,6 @@ def _band(results: Results, parameter: str | None) -> Section:
     relative = side_by_side(rows, "environment", ("method",), of("relative", 3, "percent"))
     columns |= {f"relative, {head}": cell for head, cell in relative.items()}
     caption = f"Width of the next {words.user}’s interval of {what}{bracketed(unit)}{at}."
-    probability = of("probability", 3, "percent")
-    likely = {"Statement": str} | side_by_side(statements, "statement", ("method",), probability)
-    likely_caption = "Share of posterior draws, or of bootstrap samples, in which it is true."
     best = max(laws, key=lambda law: (law.method == "bayesian", law.best), default=None)
     sentences = [best.sentence] if best else []
     unlimited = distinct([row for row in rows if math.isinf(row.band)], "environment")
@@ -263,7 +259,6 @@ def _band(results: Results, parameter: str | None) -> Section:
         [
             table_of(caption, distinct(rows, "environment"), columns, name=name, csv="band"),
             _law_table(laws, symbol, words.environment),
-            table_of(likely_caption, distinct(statements, "statement"), likely),
             _trend(results, parameter),
         ],
         figures=[name],

@@ -34,12 +34,12 @@ from percept.results import (
     MOST_SHOWN,
     IntervalWithout,
     LeftOut,
-    LeftOutRow,
     Note,
     Results,
     Verdict,
 )
 from percept.scene import Scene
+from percept.sessions.records import Exclusion
 
 
 def checks(results: Results) -> Section:
@@ -275,7 +275,7 @@ def data(results: Results) -> Section:
     )
 
 
-def _place(row: LeftOutRow | Note) -> str:
+def _place(row: Exclusion | Note) -> str:
     """Name the file and line of a note."""
     if not row.file:
         return ""

@@ -9,15 +9,7 @@ from typing import Any
 from percept.html import NotebookRecord
 from percept.inference.record import Family
 from percept.sessions.quantities import Quantity
-
-
-@dataclasses.dataclass(frozen=True)
-class SourceFile:
-    """A file that was read."""
-
-    name: str  # Without its folders
-    sha256: str  # Of its bytes
-    rows: int
+from percept.sessions.records import Exclusion, Source
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +18,7 @@ class Provenance:
 
     versions: dict[str, str]  # Of percept, Python and the libraries, by name
     seed: int
-    files: tuple[SourceFile, ...]
+    files: tuple[Source, ...]
     scene: Mapping[str, Any]  # Every setting, by table and key
 
 
@@ -37,17 +29,6 @@ class Note:
     text: str
     file: str | None = None
     row: int | None = None  # Physical line of the file; the header is 1
-
-
-@dataclasses.dataclass(frozen=True)
-class LeftOutRow:
-    """One observation or subject that was left out."""
-
-    who: str
-    what: str
-    why: str
-    file: str | None = None
-    row: int | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,7 +101,7 @@ class Data:
     counts: dict[str, int]  # Of rows read, left out and missing, by what is counted
     notices: tuple[Note, ...]
     doubts: tuple[Note, ...]
-    exclusions: tuple[LeftOutRow, ...]
+    exclusions: tuple[Exclusion, ...]
     design: DesignCounts | None  # None for published limits
     cells: tuple[CellValues, ...]
     people: tuple[SubjectRow, ...] = ()

@@ -145,17 +145,6 @@ class BandLaw(NotebookRecord):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BandStatement(NotebookRecord):
-    """A statement on bands, with the probability that it is true."""
-
-    method: Method
-    family: Family
-    parameter: str | None = None
-    statement: str  # In words
-    probability: float  # Share of the posterior draws, or of the bootstrap's
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class WeberTrend:
     """The slope of log spread against the logarithm of the reference: zero under Weber's law."""
 
@@ -173,7 +162,6 @@ class Band(NotebookRecord):
     omega: float | None  # rad/s; None where the quantities make no impedance
     rows: tuple[BandRow, ...]
     laws: tuple[BandLaw, ...]  # Three per method and family, with at least three environments
-    statements: tuple[BandStatement, ...] = ()
     kappa: tuple[WeberTrend, ...] | None = None
 
 

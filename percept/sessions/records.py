@@ -43,11 +43,11 @@ def shown(names: Sequence[str], limit: int = 12) -> str:
 
 @dataclass(frozen=True)
 class Source:
-    """One file that was read: its name, the SHA-256 of its bytes, and its data rows."""
+    """A file that was read."""
 
-    name: str
-    sha256: str
-    rows: int
+    name: str  # In report.json without its folders
+    sha256: str  # Of its bytes
+    rows: int  # Of data
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def once_per_kind(notices: Sequence[Notice]) -> tuple[Notice, ...]:
 
 @dataclass(frozen=True)
 class Exclusion:
-    """One observation or subject left out: who, what was left out, why, and where it stood."""
+    """An observation or a subject that was left out, and where it stood."""
 
     who: str
     what: str

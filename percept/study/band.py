@@ -12,7 +12,6 @@ from scipy import special
 from percept.boundary.band import (
     BandOwner,
     band_laws,
-    band_statements,
     determines_laws,
     size_name,
 )
@@ -22,7 +21,7 @@ from percept.haptics import Device, Loop, magnitude_envelope
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family, Method
-from percept.results import Band, BandLaw, BandRow, BandStatement, IntervalRow, Skipped, WeberTrend
+from percept.results import Band, BandLaw, BandRow, IntervalRow, Skipped, WeberTrend
 from percept.scene import InferenceTable
 from percept.study.basics import FAMILIES, Array, Stream, claim_of, generator
 from percept.study.data import Data
@@ -192,7 +191,6 @@ def band_study(
         replicates |= posterior_replicates(fit, asked)
     rows_of_all: list[BandRow] = []
     laws: list[BandLaw] = []
-    statements: list[BandStatement] = []
     for one_band in banded:
         rows_of_band = list(_rows(intervals, one_band))
         ends: dict[tuple[str, Method, Family], Array] = {}
@@ -223,7 +221,6 @@ def band_study(
             bands = None if method == "bayesian" else np.array([row.band for row in rows_of_method])
             owner = BandOwner(method=method, family=family, parameter=one_band.parameter)
             laws += band_laws(environments, sizes, bands, redrawn, owner, level=asked.level)
-            statements += band_statements(sizes, redrawn, owner)
         for row in rows_of_band:
             ends_of_row = ends.get((row.environment, row.method, row.family))
             if ends_of_row is not None:
@@ -232,7 +229,7 @@ def band_study(
                 )
             rows_of_all.append(row)
     trends = None if fit is None else weber_trend(fit, level=asked.level)
-    return Band(banded[0].omega, tuple(rows_of_all), tuple(laws), tuple(statements), trends)
+    return Band(banded[0].omega, tuple(rows_of_all), tuple(laws), trends)
 
 
 def _rows(intervals: Sequence[IntervalRow], banded: Banded) -> Iterator[BandRow]:

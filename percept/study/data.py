@@ -20,7 +20,6 @@ from percept.inference.record import Family
 from percept.results import (
     CellValues,
     DesignCounts,
-    LeftOutRow,
     NormalityTest,
     Note,
     SubjectRow,
@@ -251,9 +250,7 @@ def what_was_read(data: Data) -> results.Data:
     """Say what was read: subjects, quantities, notices, and every cell's values."""
     sessions = data.sessions
     factors = sessions.factors
-    exclusions = []
-    for row in sessions.exclusions:
-        exclusions.append(LeftOutRow(row.who, row.what, row.why, _name(row.file), row.row))
+    exclusions = [dataclasses.replace(row, file=_name(row.file)) for row in sessions.exclusions]
     cells = itertools.product(data.environments, sessions.parameters)
     people = itertools.chain.from_iterable(_people(data, name) for name in sessions.parameters)
     has_trials = sessions.form == "trials"

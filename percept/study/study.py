@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path, PurePath
@@ -25,7 +26,6 @@ from percept.results import (
     Provenance,
     Results,
     Skipped,
-    SourceFile,
     plain,
 )
 from percept.scene import Scene
@@ -171,9 +171,8 @@ class Study(Displayed):
         """What the results are made from: versions, seed, files and scene."""
         versions = {"percept": percept.__version__, "python": platform.python_version()}
         versions |= {package: metadata.version(package) for package in _PACKAGES}
-        files = []
-        for source in self.sessions.sources:
-            files.append(SourceFile(PurePath(source.name).name, source.sha256, source.rows))
+        sources = self.sessions.sources
+        files = [replace(source, name=PurePath(source.name).name) for source in sources]
         seed = self.scene.inference.seed
         return Provenance(versions, seed, tuple(files), plain(self.scene.to_dict()))
 

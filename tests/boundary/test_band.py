@@ -7,7 +7,6 @@ import pytest
 from percept.boundary.band import (
     BandOwner,
     band_laws,
-    band_statements,
     fit_law,
     law_band,
     leave_one_out,
@@ -129,13 +128,6 @@ def test_sentences_speak_of_their_own_law() -> None:
     assert (
         "an offset, whose interval reaches zero, and a share of the impedance" in reaching.sentence
     )
-
-
-def test_statements_of_absolute_and_relative_width() -> None:
-    z = np.array([1000.0, 1.0])
-    draws = np.array([[100.0, 0.5], [100.0, 0.05], [0.4, 0.5], [100.0, 0.2]])
-    found = band_statements(z, draws, WHOSE)
-    assert [one.probability for one in found] == [0.75, 0.25, 0.75]
 
 
 def test_the_law_that_is_clearly_ahead_is_named() -> None:

@@ -56,7 +56,7 @@ _OTHERS = (
 _LABELS = (
     "what", "quantity", "measure", "environment", "subject", "parameter", "factor", "level",
     "first", "second", "of", "kind", "method", "family", "joint", "shape", "model", "name",
-    "statistic", "statement",
+    "statistic",
 )  # fmt: skip
 _LIMITS = {"lower", "estimate", "upper"}
 

@@ -17,10 +17,10 @@ from percept.results import (
     Provenance,
     Results,
     Skipped,
-    SourceFile,
     Words,
 )
 from percept.sessions.quantities import IMPEDANCE
+from percept.sessions.records import Source
 
 INTERVAL = IntervalRow(
     environment="wäll/1~", parameter="k", kind="user", method="bayesian", family="lognormal",
@@ -34,7 +34,7 @@ BOUNDARY = Boundary(
 )  # fmt: skip
 RESULTS = Results(
     provenance=Provenance(
-        {"percept": "0.1.0"}, 1, (SourceFile("a.csv", "00", 3),), {"frequency": {"upper": 100.0}}
+        {"percept": "0.1.0"}, 1, (Source("a.csv", "00", 3),), {"frequency": {"upper": 100.0}}
     ),
     data=Data(
         form="trials", simulated=False, subjects=4, rows=4, environments=("wäll/1~",),
