@@ -109,13 +109,19 @@ class Displayed(Inferred):
     @cached_property
     def curve_laws(self) -> tuple[Law, ...]:
         """Laws of (k, b) of the average and the next user; empty where no correlation is known."""
-        return laws_of(self._drawn(self.pairs), self.passed, self.data.asked)
+        return self._laws_of(self._shown)
+
+    def _laws_of(self, environments: Collection[str]) -> tuple[Law, ...]:
+        return laws_of(self._drawn(self.pairs), self.passed, self.data.asked, environments)
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:
         """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
+        return self._regions_of(self.curve_laws)
+
+    def _regions_of(self, laws: Sequence[Law]) -> tuple[Region, ...]:
         of_intervals = self._drawn(rectangles(self.interval_rows))
-        return regions_of(of_intervals, self.curve_laws, self.passed, self.data.asked)
+        return regions_of(of_intervals, laws, self.passed, self.data.asked)
 
     def _drawn(self, claims: Iterable[Drawn]) -> Sequence[Drawn]:
         """Leave out what is not of the scene's family, unless the scene asks for all curves."""
@@ -125,11 +131,14 @@ class Displayed(Inferred):
 
     @cached_property
     def _drawing(self) -> BoundaryDrawing | None:
+        return self._drawing_of(self.curve_laws)
+
+    def _drawing_of(self, laws: Sequence[Law]) -> BoundaryDrawing | None:
         if self.setup is None:
             return None
         tolerance = self.data.asked.tolerance
-        laws = self.curve_laws
-        return BoundaryDrawing(self.setup, self.regions, laws, self.scene.frequency, tolerance)
+        regions = self._regions_of(laws)
+        return BoundaryDrawing(self.setup, regions, laws, self.scene.frequency, tolerance)
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
@@ -152,9 +161,12 @@ class Displayed(Inferred):
         environments = select("environment", environments, self.with_reference)
         kinds = select("kind", kinds, self.data.asked.kinds)
         joints = select("joint treatment", joints, JOINTS)
-        if self._drawing is None:
+        drawing = self._drawing
+        if not set(environments) <= set(self._shown):
+            drawing = self._drawing_of(self._laws_of(environments))
+        if drawing is None:
             return ()
-        return self._drawing.at(grid, environments, kinds, joints)
+        return drawing.at(grid, environments, kinds, joints)
 
     @property
     def curves(self) -> pd.DataFrame:

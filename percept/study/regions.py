@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -212,15 +212,20 @@ def subject_pairs(data: Data) -> Iterator[SubjectPairs | Skipped]:
 
 
 def laws_of(
-    pairs: Sequence[SubjectPairs], fit: Fit | None, asked: InferenceTable
+    pairs: Sequence[SubjectPairs],
+    fit: Fit | None,
+    asked: InferenceTable,
+    environments: Collection[str],
 ) -> tuple[Law, ...]:
-    """Put together the laws of every method."""
+    """Put together the laws of every method in some environments."""
     kinds = [kind for kind in _LAW_KINDS if kind in asked.kinds]
     laws: list[Law] = []
     for of_subjects in pairs:
+        if of_subjects.environment not in environments:
+            continue
         laws += _classical_laws(of_subjects, kinds, asked.level)
     if fit is not None and is_impedance(fit.parameters):
-        laws += _laws_of_fit(fit, asked)
+        laws += _laws_of_fit(fit, asked, environments)
     return tuple(laws)
 
 
@@ -246,15 +251,18 @@ def _classical_laws(pairs: SubjectPairs, kinds: Sequence[LawKind], level: float)
             )
 
 
-def _laws_of_fit(fit: Fit, asked: InferenceTable) -> Iterator[Law]:
+def _laws_of_fit(fit: Fit, asked: InferenceTable, environments: Collection[str]) -> Iterator[Law]:
     """Yield the laws of each environment, where one model has both quantities."""
     parts = fit.model.split(fit.points)
     if len(parts) != 1:
         return
     ((density, points),) = parts
-    pairs = density.joint(points, density.pair_rows).apart()
+    wanted = [name for name in fit.environments if name in environments]
+    is_wanted = np.isin(fit.environments, wanted)
+    rows = density.pair_rows[is_wanted]
+    pairs = density.joint(points, rows).apart()
     batch = fit.run.batches()
-    for environment, of_environment in zip(fit.environments, pairs, strict=True):
+    for environment, of_environment in zip(wanted, pairs, strict=True):
         cells = [fit.column[parameter, environment] for parameter in ("k", "b")]
         n = int(fit.counts[cells[0]])
         scale = fit.scale.at(cells)
