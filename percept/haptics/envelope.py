@@ -2,8 +2,7 @@
 
 abs(Z_h) is a distance in the plane of (g·b, g·k/Ω). A box stays a box in it: its nearest point is a
 clip, its farthest a corner. Over an ellipse the extremes lie on the edge, except the value 0 where
-the ellipse holds the point that distances are measured from. The edge is a curve by angle. Around a
-plain ellipse a distance is stationary at the roots of a quartic; the curve of a log-ellipse is
+the ellipse holds the point that distances are measured from. The edge is a curve by angle that is
 looked at every degree. Every extreme is then refined to the precision of a double.
 """
 
@@ -37,13 +36,10 @@ __all__ = [
     "magnitude_envelope_ellipse",
 ]
 
-# rad: the curve of a log-ellipse is looked at every degree, and each extreme is refined within a
-# degree to either side.
+# rad: curves are looked at every degree, and each extreme is refined within a degree to either
+# side. A plain ellipse has at most four.
 _STEP = 2 * np.pi / 360
 _ANGLES = np.asarray(_STEP * np.arange(360), dtype=np.float64)
-# A circle's quartic has no leading term: it counts as this fraction of the others. Roots move by
-# as much.
-_LEADING = 1e-6
 
 Limits = tuple[ArrayLike, ArrayLike]
 """Lower and upper limit of k, N/m, or of b, N·s/m."""
@@ -291,7 +287,7 @@ class _Turns(NamedTuple):
 def _extremes_along(curve: _Curve, plane: DistancePlane) -> Envelope:
     """Return the smallest and the largest distance along the curve, at every ω."""
     scaled = _scaled(curve, plane)
-    turns = _turns_on_grid(curve, scaled) if curve.log else _stationary(curve, scaled)
+    turns = _turns_on_grid(curve, scaled)
 
     def slopes(which: IntArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return half of the first and second derivatives of the square."""
@@ -347,33 +343,3 @@ def _turns_on_grid(curve: _Curve, plane: DistancePlane) -> _Turns:
     omega_index, angle_index = np.concatenate([dips, peaks]).T
     sign = np.repeat([1.0, -1.0], [len(dips), len(peaks)])
     return _Turns(omega_index, _ANGLES[angle_index], sign)
-
-
-def _stationary(curve: _Curve, plane: DistancePlane) -> _Turns:
-    """Return where distances from a plain ellipse are stationary.
-
-    With x = c₁ + A·cos φ + B·sin φ and y = c₂ + C·cos φ, half the slope of x² + y² is AB·cos 2φ +
-    ½(B² − A² − C²)·sin 2φ + c₁B·cos φ − (c₁A + c₂C)·sin φ. It is a quartic in e^{iφ}; its roots off
-    the unit circle do no harm.
-    """
-    c1, c2 = plane.offsets(Point(curve.k0, curve.b0))
-    a = plane.gain * curve.b_cos
-    b = plane.gain * curve.b_sin
-    c = -plane.per_rate * curve.k_cos
-    double = a * b - 0.5j * (b * b - a * a - c * c)
-    single = c1 * b + 1j * (c1 * a + c2 * c)
-    least = _LEADING * np.maximum(np.abs(double), np.abs(single))
-    substitute = np.where(least > 0, least, 1.0)
-    leading = np.where(np.abs(double) > least, double, substitute)
-    # Roots of a polynomial are the eigenvalues of its companion matrix.
-    companion = np.zeros((a.size, 4, 4), dtype=complex)
-    companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
-    companion[:, 3, 3] = -single / leading
-    companion[:, 1, 3] = -np.conj(single) / leading
-    companion[:, 0, 3] = -np.conj(double) / leading
-    angle = np.angle(np.linalg.eigvals(companion)).ravel()
-    omega_index = np.repeat(np.arange(a.size), 4)
-    root = np.exp(1j * angle)
-    bend = 2j * double[omega_index] * root**2 + 1j * single[omega_index] * root
-    sign = np.where(bend.real < 0, -1.0, 1.0)
-    return _Turns(omega_index, angle, sign)

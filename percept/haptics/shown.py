@@ -1,29 +1,26 @@
 """What a display shows over a range of ω: limits of stiffness and damping, and the paper's rule.
 
-Stiffness and damping as displayed are ratios of polynomials in Ω², and turn at the roots of others:
-their limits are exact.
+Stiffness and damping as displayed, and departures, are looked for on a grid that resolves modes and
+resonances, and refined at every peak.
 
 The paper's rule asks whether abs(Z_h) as displayed stays between its limits over a box of (k, b).
 Let D be abs(Z_h) of the display at one ω, F that of the box's farthest point and N that of its
 nearest. The departure is
 
     max(ln D/F, ln N/D)                                negative where the display lies inside
-
-Its largest value over a range is looked for on a grid that resolves modes and resonances, and
-refined at every peak.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
-from percept.haptics.arrays import FloatArray, IntArray, Scalars
-from percept.haptics.loop import VelocityFilter, omega_of_rate, search_grid
+from percept.haptics.arrays import LARGEST, FloatArray, IntArray
+from percept.haptics.loop import search_grid
 from percept.haptics.perceived import Boxes, Display, displayed, shown_element
-from percept.haptics.records import Coupling, Environment, Mode
+from percept.haptics.records import Device, Mode
 from percept.searches import lowest
 
 __all__ = [
@@ -68,107 +65,24 @@ def shown_limits(display: Display, lower: float, upper: float) -> ShownLimits:
     UsageError
         The range passes Nyquist.
     """
-    omega = _turning_points(display, lower, upper)
-    shown = shown_element(display.loop.at(omega), display)
-    return ShownLimits(_ends(shown.stiffness), _ends(shown.damping))
+    loop = replace(display.loop, device=Device(0.0, 0.0))
 
+    def signed(omega: FloatArray, which: IntArray) -> FloatArray:
+        """Return stiffness, damping, and both with their signs changed."""
+        shown = shown_element(loop.at(omega), display)
+        values = np.broadcast_arrays(shown.stiffness, shown.damping, omega)[:2]
+        # Differences of infinities would hide a dip from the search.
+        k, b = np.clip(values, -LARGEST, LARGEST)
+        return np.choose(which, [k, b, -k, -b])
 
-def _ends(values: Scalars) -> FloatArray:
-    """Return the least and the largest of some values, (2,)."""
-    return np.array([np.min(values), np.max(values)])
-
-
-def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
-    """Return both ends of a range of ω, rad/s, and where stiffness or damping turns between.
-
-    Without a filter, and without a mass behind a coupling, both are monotone in Ω².
-    """
-    heavy = display.coupling is not None and bool(display.environment.mass)
-    if display.loop.velocity_filter is None and not heavy:
-        return np.array([lower, upper])
-    half = display.loop.period / 2
-    # In units of the range's middle the coefficients are of one size.
-    unit = np.tan(lower * half) * np.tan(upper * half) / half**2
-    shown = _shown(display, Polynomial([0.0, unit]))
-    bottom = shown.denominator
-    roots = []
-    for top in (shown.damping, shown.stiffness):
-        slope = top.deriv() * bottom - top * bottom.deriv()
-        roots.append(slope.roots())
-    # A root that rounding made complex still splits the range; more points do no harm.
-    squares = np.maximum(np.concatenate(roots).real, 0.0) * unit
-    places = omega_of_rate(np.sqrt(squares), display.loop.period)
-    inner = np.clip(places, lower, upper)
-    return np.array([lower, *inner, upper])
-
-
-class _Shown(NamedTuple):
-    """Stiffness and damping as polynomials in Ω², both over one positive denominator."""
-
-    stiffness: Polynomial
-    damping: Polynomial
-    denominator: Polynomial
-
-
-def _shown(display: Display, square: Polynomial) -> _Shown:
-    """Return what a display shows over `square`, Ω²; a mass counts with the device."""
-    environment = display.environment
-    coupling = display.coupling
-    front = environment if coupling is None else coupling
-    nothing = 0.0 * square
-    joined = _Shown(nothing + front.stiffness, nothing + front.damping, nothing + 1.0)
-    if display.loop.velocity_filter is not None:
-        joined = _filtered(front, display.loop.velocity_filter, display.loop.period, square)
-    if coupling is None:
-        return joined
-    return _behind(joined, environment, square)
-
-
-def _filtered(
-    front: Environment | Coupling,
-    velocity_filter: VelocityFilter,
-    period: float,
-    square: Polynomial,
-) -> _Shown:
-    """Return the spring of what joins the device, and its damper, on the filtered velocity.
-
-    F is 1/B(jx) with x = Ω/Ω_c and Butterworth's polynomial B: abs(B(jx))² = 1 + x^(2·order), the
-    real part of B(jx) is even in x and its imaginary part odd.
-    """
-    half = period / 2
-    cutoff = float(np.tan(velocity_filter.cutoff * half)) / half
-    relative = square * (1.0 / cutoff**2)
-    size = relative**velocity_filter.order + 1.0
-    coefficients = _butterworth(velocity_filter.order)
-    real = Polynomial(coefficients[::2])(relative)
-    imaginary_over_x = Polynomial(coefficients[1::2])(relative)
-    stiffness = size * front.stiffness + relative * imaginary_over_x * (front.damping * cutoff)
-    return _Shown(stiffness, real * front.damping, size)
-
-
-def _butterworth(order: int) -> list[float]:
-    """Return B's coefficients, with the signs that j² gives the real and the imaginary part."""
-    angles = np.pi * (2 * np.arange(order) + 1) / (2 * order)
-    roots = -np.sin(angles) + 1j * np.cos(angles)
-    from_lowest = np.poly(roots).real[::-1]
-    return [(-1.0) ** (power // 2) * value for power, value in enumerate(from_lowest)]
-
-
-def _behind(joined: _Shown, environment: Environment, square: Polynomial) -> _Shown:
-    """Return an environment behind what joins the device, without the environment's mass."""
-    k = environment.stiffness - environment.mass * square
-    b = environment.damping
-    of_joined = joined.damping * joined.damping * square + joined.stiffness * joined.stiffness
-    of_environment = b**2 * square + k * k
-    damping = b * joined.denominator + joined.damping
-    stiffness = k * joined.denominator + joined.stiffness
-    of_sum = damping * damping * square + stiffness * stiffness
-    by_joined = of_environment * joined.denominator
-    return _Shown(
-        stiffness=of_joined * k + by_joined * joined.stiffness + environment.mass * square * of_sum,
-        damping=of_joined * b + by_joined * joined.damping,
-        denominator=of_sum,
-    )
+    # Without a filter, and without a mass behind a coupling, both are monotone in ω.
+    least = signed(np.array([[lower], [upper]]), np.arange(4)).min(axis=0)
+    is_heavy = display.coupling is not None and bool(display.environment.mass)
+    if is_heavy or loop.velocity_filter is not None:
+        candidates = search_grid(loop, _behind_coupling(display), within=(lower, upper))
+        least = lowest(signed, candidates, 4).value
+    stiffness, damping = np.stack([least[:2], -least[2:]], axis=1)
+    return ShownLimits(stiffness, damping)
 
 
 class Departure(NamedTuple):
@@ -233,7 +147,15 @@ def _resonances(display: Display, box: Boxes) -> tuple[Mode, ...]:
     to_ground = float(getattr(device, "stiffness", 0.0))
     springs = [float(environment.stiffness), *np.maximum(box.stiffness, 0.0).ravel()]
     modes = [Mode(mass, to_ground + spring, damping) for spring in springs]
-    if display.coupling is not None:
-        behind = float(environment.stiffness + display.coupling.stiffness)
-        modes.append(Mode(environment.mass, behind, environment.damping))
-    return tuple(modes)
+    return (*modes, *_behind_coupling(display))
+
+
+def _behind_coupling(display: Display) -> tuple[Mode, ...]:
+    """Return what an environment's mass makes with its own spring and the coupling's."""
+    environment = display.environment
+    coupling = display.coupling
+    if coupling is None:
+        return ()
+    stiffness = np.add(environment.stiffness, coupling.stiffness)
+    damping = np.add(environment.damping, coupling.damping)
+    return (Mode(environment.mass, stiffness, damping),)
