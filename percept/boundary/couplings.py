@@ -181,12 +181,11 @@ def _log_range(boxes: Boxes, plane: DistancePlane, least: Array) -> Range:
 
     `least` are the smallest abs(Z_h), (M,).
     """
-    k, b = ([end[:, None] for end in limits] for limits in (boxes.stiffness, boxes.damping))
-    extremes = Boxes(Range(*k), Range(*b)).extremes(plane)
-    farthest = plane.distance(extremes.farthest) - least
-    nearest = plane.distance(extremes.nearest) - least
-    low = np.log(np.maximum(nearest, _LEAST_FRACTION * farthest))
-    return Range(low, np.log(farthest))
+    k, b = ((limits.low[:, None], limits.high[:, None]) for limits in boxes)
+    nearest, farthest = plane.over(k, b)
+    above = farthest - least
+    low = np.log(np.maximum(nearest - least, _LEAST_FRACTION * above))
+    return Range(low, np.log(above))
 
 
 def _scores(

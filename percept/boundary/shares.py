@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.haptics.perceived import Boxes, Display, DistancePlane, displayed
+from percept.haptics.perceived import Boxes, Display, DistancePlane, Range, displayed
 
 __all__ = [
     "DAMPING",
@@ -139,7 +139,7 @@ class Users:
         stiffest = self.native(edge, STIFFNESS)
         least_damped = self.native(-edge, DAMPING)
         most_damped = self.native(edge, DAMPING)
-        return Boxes.of((softest, stiffest), (least_damped, most_damped))
+        return Boxes(Range(softest, stiffest), Range(least_damped, most_damped))
 
 
 class DiscIntegral(NamedTuple):

@@ -23,14 +23,13 @@ from percept.haptics.arrays import (
     times,
 )
 from percept.haptics.loop import Loop
-from percept.haptics.perceived import DistancePlane, Point, perceived_magnitude
+from percept.haptics.perceived import DistancePlane, Limits, Point, perceived_magnitude
 from percept.searches import rising_root
 
 __all__ = [
     "CornerCurves",
     "Ellipse",
     "Envelope",
-    "Limits",
     "corner_curves",
     "magnitude_envelope",
     "magnitude_envelope_ellipse",
@@ -40,9 +39,6 @@ __all__ = [
 # side. A plain ellipse has at most four.
 _STEP = 2 * np.pi / 360
 _ANGLES = np.asarray(_STEP * np.arange(360), dtype=np.float64)
-
-Limits = tuple[ArrayLike, ArrayLike]
-"""Lower and upper limit of k, N/m, or of b, N·s/m."""
 
 
 class CornerCurves(NamedTuple):
@@ -121,26 +117,11 @@ def magnitude_envelope(
     UsageError
         As `perceived_impedance`, and for a lower limit above its upper one.
     """
-    k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
-    b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
+    k = ordered_limits(stiffness, "stiffness", "N/m")
+    b = ordered_limits(damping, "damping", "N·s/m")
     plane = DistancePlane.of(loop.at(omega), real_array(mass, "mass", "kg"))
-    real_low = plane.gain * b_low + plane.real
-    real_high = plane.gain * b_high + plane.real
-    imaginary_at_low = plane.imaginary - times(k_low, plane.per_rate)
-    imaginary_at_high = plane.imaginary - times(k_high, plane.per_rate)
-    # g/Ω changes sign with ω.
-    imaginary_low = np.minimum(imaginary_at_low, imaginary_at_high)
-    imaginary_high = np.maximum(imaginary_at_low, imaginary_at_high)
-    lower = np.hypot(_gap(real_low, real_high), _gap(imaginary_low, imaginary_high))
-    real_size = np.maximum(np.abs(real_low), np.abs(real_high))
-    imaginary_size = np.maximum(np.abs(imaginary_low), np.abs(imaginary_high))
-    upper = np.hypot(real_size, imaginary_size)
+    lower, upper = plane.over(k, b)
     return Envelope(lower[()], upper[()])
-
-
-def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the distance of an interval from zero."""
-    return np.maximum(0.0, np.maximum(low, -high))
 
 
 class Ellipse(NamedTuple):

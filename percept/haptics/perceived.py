@@ -37,7 +37,7 @@ __all__ = [
     "Boxes",
     "Display",
     "DistancePlane",
-    "Extremes",
+    "Limits",
     "Point",
     "Range",
     "Term",
@@ -47,6 +47,10 @@ __all__ = [
     "perceived_magnitude",
     "shown_element",
 ]
+
+
+Limits = tuple[ArrayLike, ArrayLike]
+"""Lower and upper limit of k, N/m, or of b, N·s/m."""
 
 
 class Point(NamedTuple):
@@ -63,11 +67,18 @@ class Term(NamedTuple):
     offset: FloatArray
 
 
-class Extremes(NamedTuple):
-    """The (k, b) of a region with the smallest and the largest abs(Z_h)."""
+class Range(NamedTuple):
+    """N limits of one quantity, shape (N,) each."""
 
-    nearest: Point
-    farthest: Point
+    low: FloatArray
+    high: FloatArray
+
+
+class Boxes(NamedTuple):
+    """N limits of stiffness and damping."""
+
+    stiffness: Range  # N/m
+    damping: Range  # N·s/m
 
 
 class DistancePlane(NamedTuple):
@@ -119,49 +130,23 @@ class DistancePlane(NamedTuple):
         real, imaginary = self.offsets(point)
         return np.asarray(real**2 + imaginary**2)
 
+    def over(self, stiffness: Limits, damping: Limits) -> Range:
+        """Return between which abs(Z_h) lie over boxes of k and b, N·s/m."""
+        real = [np.multiply(self.gain, b) + self.real for b in damping]
+        ends = [self.imaginary - times(k, self.per_rate) for k in stiffness]
+        # g/Ω changes sign with ω.
+        imaginary = [np.minimum(*ends), np.maximum(*ends)]
+        gaps = []
+        reaches = []
+        for low, high in (real, imaginary):
+            gaps.append(np.maximum(0.0, np.maximum(low, -high)))
+            reaches.append(np.maximum(np.abs(low), np.abs(high)))
+        return Range(np.hypot(*gaps), np.hypot(*reaches))
+
     def origin(self) -> Point:
         """Return the (k, b) at which Z_h vanishes; infinite where there is none."""
         k = ratio(self.imaginary, self.per_rate, empty=np.inf)
         return Point(k, ratio(-self.real, self.gain, empty=np.inf))
-
-
-class Range(NamedTuple):
-    """N limits of one quantity, shape (N,) each."""
-
-    low: FloatArray
-    high: FloatArray
-
-    def farther_end(self, value: Scalars) -> FloatArray:
-        """Return the limit that lies farther from a value."""
-        above_middle = np.multiply(2, value) > self.low + self.high
-        return np.where(above_middle, self.low, self.high)
-
-
-@dataclass(frozen=True)
-class Boxes:
-    """N limits of stiffness and damping."""
-
-    stiffness: Range  # N/m
-    damping: Range  # N·s/m
-
-    @classmethod
-    def of(
-        cls,
-        stiffness: tuple[ArrayLike, ArrayLike],
-        damping: tuple[ArrayLike, ArrayLike],
-    ) -> Boxes:
-        """Take pairs (low, high) of N limits."""
-        limits = np.broadcast_arrays(*stiffness, *damping)
-        k_low, k_high, b_low, b_high = np.array(limits, dtype=float)
-        return cls(Range(k_low, k_high), Range(b_low, b_high))
-
-    def extremes(self, plane: DistancePlane) -> Extremes:
-        """Return the nearest and the farthest (k, b) of each box at its own ω."""
-        k, b = plane.origin()
-        return Extremes(
-            nearest=Point(np.clip(k, *self.stiffness), np.clip(b, *self.damping)),
-            farthest=Point(self.stiffness.farther_end(k), self.damping.farther_end(b)),
-        )
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 
 from percept.haptics.arrays import LARGEST, FloatArray, IntArray
 from percept.haptics.loop import search_grid
-from percept.haptics.perceived import Boxes, Display, displayed, shown_element
+from percept.haptics.perceived import Display, displayed, shown_element
 from percept.haptics.records import Device, Mode
 from percept.searches import lowest
 
@@ -37,6 +37,8 @@ ON_LIMIT = 1e-10
 # Further a departure is not told apart, as a logarithm: twelve decades, beyond any ratio of two
 # impedances that a limit could mean.
 _LARGEST = 12.0 * float(np.log(10.0))
+
+Side = tuple[float, float]
 
 
 class ShownLimits(NamedTuple):
@@ -99,15 +101,17 @@ class Departure(NamedTuple):
         return "inside" if self.largest < -ON_LIMIT else "marginal"
 
 
-def departure(display: Display, box: Boxes, lower: float, upper: float) -> Departure:
+def departure(
+    display: Display, stiffness: Side, damping: Side, lower: float, upper: float
+) -> Departure:
     """Search for the largest departure of abs(Z_h) from a box over a range of ω.
 
     Parameters
     ----------
     display : Display
         A single one.
-    box : Boxes
-        Its limits of stiffness and damping.
+    stiffness, damping : pair of float
+        The box, low and high, N/m and N·s/m.
     lower, upper : float
         Ends of the range, rad/s, above 0 and up to π/T.
 
@@ -124,28 +128,28 @@ def departure(display: Display, box: Boxes, lower: float, upper: float) -> Depar
     def depth_inside(omega: FloatArray, _: IntArray) -> FloatArray:
         """Return the departure at each ω with its sign changed, limited to what is told apart."""
         plane, magnitude = displayed(display, omega.ravel())
-        extremes = box.extremes(plane)
+        low, high = plane.over(stiffness, damping)
         with np.errstate(divide="ignore", invalid="ignore"):
-            above = magnitude / plane.distance(extremes.farthest)
-            below = plane.distance(extremes.nearest) / magnitude
+            above = magnitude / high
+            below = low / magnitude
             departs = np.log(np.fmax(above, below))
         # NaN is 0/0: the display vanishes with the region's own curve, and departs from nothing.
         departs = np.where(np.isnan(departs), -_LARGEST, departs)
         return -np.clip(departs, -_LARGEST, _LARGEST).reshape(omega.shape)
 
-    candidates = search_grid(display.loop, _resonances(display, box), within=(lower, upper))
+    candidates = search_grid(display.loop, _resonances(display, stiffness), within=(lower, upper))
     least = lowest(depth_inside, candidates, 1)
     return Departure(-float(least.value[0]), float(least.x[0]))
 
 
-def _resonances(display: Display, box: Boxes) -> tuple[Mode, ...]:
+def _resonances(display: Display, stiffness: Side) -> tuple[Mode, ...]:
     """Return what the masses of device and environment make with the springs shown."""
     environment = display.environment
     device = display.loop.device
     mass = float(getattr(device, "mass", 0.0)) + float(environment.mass)
     damping = float(getattr(device, "damping", 0.0)) + float(environment.damping)
     to_ground = float(getattr(device, "stiffness", 0.0))
-    springs = [float(environment.stiffness), *np.maximum(box.stiffness, 0.0).ravel()]
+    springs = [float(environment.stiffness), *np.maximum(stiffness, 0.0).tolist()]
     modes = [Mode(mass, to_ground + spring, damping) for spring in springs]
     return (*modes, *_behind_coupling(display))
 

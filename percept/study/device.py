@@ -25,7 +25,7 @@ from percept.haptics import (
 )
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
-from percept.haptics.perceived import Boxes, Display
+from percept.haptics.perceived import Display
 from percept.haptics.records import AnyDevice
 from percept.haptics.shown import departure
 from percept.haptics.stability import coupling_bound
@@ -338,11 +338,10 @@ def study_coupling(
 def _membership(setup: Setup, region: Region, within: tuple[float, float]) -> Membership:
     """Judge one reference by the paper's rule over a range of omega, rad/s."""
     assert region.limits is not None
-    box = Boxes.of(*region.limits)
     direct = setup.display(region.environment, coupled=False)
     coupled = setup.display(region.environment, coupled=True)
-    of_direct = departure(direct, box, *within)
-    of_coupled = departure(coupled, box, *within)
+    of_direct = departure(direct, *region.limits, *within)
+    of_coupled = departure(coupled, *region.limits, *within)
     return Membership(
         environment=region.environment,
         method=region.method,

@@ -18,7 +18,7 @@ from percept.haptics import (
     magnitude_envelope,
     perceived_impedance,
 )
-from percept.haptics.perceived import Boxes, Display
+from percept.haptics.perceived import Display
 from percept.haptics.shown import ON_LIMIT, departure, shown_limits
 
 T, LOWER, UPPER = 1e-3, 0.1, 100.0
@@ -81,7 +81,7 @@ def on_grid(display, limits, omega):
 def test_no_point_of_a_grid_departs_by_more_and_the_largest_is_right():
     verdicts = set()
     for display, limits in scenes(60, 11):
-        found = departure(display, Boxes.of(*limits), LOWER, UPPER)
+        found = departure(display, *limits, LOWER, UPPER)
         seen = on_grid(display, limits, OMEGA).max()
         assert seen <= found.largest + 1e-12
         assert on_grid(display, limits, found.omega) == pytest.approx(found.largest, abs=1e-10)
@@ -91,21 +91,21 @@ def test_no_point_of_a_grid_departs_by_more_and_the_largest_is_right():
 
 def test_a_spike_of_a_table_between_close_rows_is_seen():
     omega = np.array([0.1, 10.0, 10.0001, 10.0002, 100.0])
-    limits = Boxes.of((900.0, 1100.0), (0.5, 4.0))
+    limits = ((900.0, 1100.0), (0.5, 4.0))
     # Above its limits in damping alone, the display leaves only where the device's own damping is
     # large.
     for spike, verdict in ((0.0, "inside"), (300.0, "inside"), (1000.0, "outside")):
         table = TabulatedDevice(omega, np.array([5, 5, 5 + spike, 5, 5], dtype=complex))
-        found = departure(Display(Loop(table, T), Environment(1000.0, 6.0)), limits, LOWER, 50.0)
+        found = departure(Display(Loop(table, T), Environment(1000.0, 6.0)), *limits, LOWER, 50.0)
         assert found.verdict == verdict
     assert 10.0 < found.omega < 10.0002
 
 
 def test_a_display_on_one_corner_s_curve_is_marginal_and_a_hair_beyond_outside():
-    limits = Boxes.of((900.0, 1100.0), (0.5, 4.0))
+    limits = ((900.0, 1100.0), (0.5, 4.0))
     for beyond, verdict in ((-1e-8, "inside"), (0.0, "marginal"), (1e-8, "outside")):
         wall = Environment(1100.0 * (1 + beyond), 4.0 * (1 + beyond))
-        found = departure(Display(Loop(Device(0.0, 5.0), T), wall), limits, LOWER, UPPER)
+        found = departure(Display(Loop(Device(0.0, 5.0), T), wall), *limits, LOWER, UPPER)
         assert found.verdict == verdict
         assert abs(found.largest) < max(ON_LIMIT, 2 * abs(beyond))
 
@@ -113,9 +113,9 @@ def test_a_display_on_one_corner_s_curve_is_marginal_and_a_hair_beyond_outside()
 def test_a_mass_of_the_environment_belongs_to_what_users_adjust():
     """A coupling so stiff that it hides nothing leaves a reference as far inside as none."""
     own, loop = Environment(1000.0, 3.0, 0.7), Loop(Device(1.0, 5.0), T)
-    limits = Boxes.of((900.0, 1100.0), (2.0, 4.0))
-    direct = departure(Display(loop, own), limits, LOWER, UPPER)
-    through = departure(Display(loop, own, Coupling(1e12, 1.0)), limits, LOWER, UPPER)
+    limits = ((900.0, 1100.0), (2.0, 4.0))
+    direct = departure(Display(loop, own), *limits, LOWER, UPPER)
+    through = departure(Display(loop, own, Coupling(1e12, 1.0)), *limits, LOWER, UPPER)
     assert direct.verdict == through.verdict == "inside"
     assert through.largest == pytest.approx(direct.largest, rel=1e-3)
 
