@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import math
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,8 @@ from percept.commands.analysis import (
 from percept.errors import RefusalError, UsageError, capitalised
 
 if TYPE_CHECKING:
-    from percept.results import ContrastRow
+    import pandas as pd
+
     from percept.study import Study
 
 
@@ -115,9 +117,7 @@ def _two_studies(arguments: argparse.Namespace, progress: Working) -> None:
         lines += [f"{letter.upper()}: {said}" for said in _feelings(study)]
     show("\n".join(lines))
     if len(comparison.differences):
-        unit = "ratio B/A" if asked.family == "lognormal" else "difference B - A"
-        head = f"Average users, {unit}; spread between users, ratio B/A:"
-        print_table(comparison.differences, head=head)
+        _print_contrasts(comparison.differences)
     elif not len(comparison.curves):
         print_table(comparison.intervals, head="Intervals of A and B; width ratio B/A:")
     if len(comparison.curves):
@@ -134,7 +134,8 @@ def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
     if arguments.other_scene:
         raise UsageError("--by compares groups under one scene; leave --other-scene out.")
     study = with_factor(open_study(arguments, progress, groups=[column]), column)
-    rows = [row for row in study.contrast_rows if column in row.factor.split(":")]
+    is_shown = [column in row.factor.split(":") for row in study.contrast_rows]
+    rows = list(itertools.compress(study.contrast_rows, is_shown))
     tests = [row for row in study.anova if column in row.factor.split(":")]
     skipped = study.skipped_of("contrast_rows", "anova")
     notes = [f"{part.what}: {part.why}" for part in skipped]
@@ -153,18 +154,18 @@ def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
         who = "the same subjects" if within else "different subjects"
         notes.insert(0, f"{column}: {who} at {', '.join(levels)}.")
     show("\n".join([*notes, f"{capitalised(_claim(study))}."]))
-    by_head: dict[str, list[ContrastRow]] = {}
-    for row in rows:
-        measure = _OF_RATIOS.get(row.of, "ratio")
-        if row.unit:
-            measure = f"difference, in {row.unit}"
-        head = f"{row.of.capitalize()}, {row.second} against {row.first}, {measure}:"
-        chosen = dataclasses.replace(row, environment=row.environment or "overall")
-        by_head.setdefault(head, []).append(chosen)
-    for head, of_comparison in by_head.items():
-        print_table(of_comparison, _CONTRAST, head=head)
+    _print_contrasts(study.contrasts.loc[is_shown])
     if tests:
         print_table(tests, _ANOVA, head=f"Analysis of variance. {_ANOVA_LEGEND}")
+
+
+def _print_contrasts(contrasts: pd.DataFrame) -> None:
+    """Print contrasts, a table for each pair of levels and each unit."""
+    by_head = contrasts.groupby(["of", "second", "first", "unit"], sort=False)
+    for (of, second, first, unit), rows in by_head:
+        measure = f"difference, in {unit}" if str(unit) else _OF_RATIOS.get(str(of), "ratio")
+        head = f"{str(of).capitalize()}, {second} against {first}, {measure}:"
+        print_table(rows.fillna({"environment": "overall"}), _CONTRAST, head=head)
 
 
 def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -13,10 +14,13 @@ from scipy import special
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
 from percept.inference.classical.contrasts import group_contrast, group_spread_ratio
-from percept.results import BandPair
+from percept.inference.record import Method
+from percept.results import BandPair, ContrastRow
 from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator
 from percept.study.boundaries import band_pairs
+from percept.study.comparisons import Contrast
+from percept.study.contrasts import contrast_row, ends_of
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -31,6 +35,9 @@ _SAME_SESSIONS = (
     "A and B are the same sessions: the table of their users, whose intervals assume two samples of"
     " different people, is left out."
 )
+#: By cell: lower limit, upper limit and estimate of the difference of averages, and of the ratio of
+#: spreads; subjects; and evidence.
+_Tests = dict[tuple[str, str], tuple[Array, Array, int, dict[str, Any]]]
 _LABELS = ("environment", "parameter", "kind", "method", "family", "joint")
 #: Frequencies that curves are compared at, some 80 a decade over the usual range.
 _POINTS = 241
@@ -43,8 +50,8 @@ class PairComparison(NotebookRecord):
     #: Both studies' limits per environment, parameter, kind, method, family and joint, and the
     #: widths' ratio.
     intervals: pd.DataFrame
-    #: Average users of B against A (ratio under the lognormal family, difference in its unit under
-    #: the normal), and the ratio of the spreads, with limits.
+    #: B's users against A's as two levels of a factor are contrasted, `ContrastRow`: "bias" of the
+    #: average user (ratio, or difference in the quantity's unit), and "spread".
     differences: pd.DataFrame
     curves: pd.DataFrame  #: How B's exact envelopes differ from A's: a `BandPair` a row
     notes: tuple[str, ...] = ()  #: Why there are no differences, and what they take for granted
@@ -88,11 +95,11 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
     notes = [_SAME_SESSIONS] if same else list(_in_common(first.sessions, second.sessions))
     notes += _left_out(first.data.environments, second.data.environments)
     notes += _left_out(first.data.parameters, second.data.parameters)
-    differences = [] if same else [*_classical(first, second), *_bayesian(first, second)]
-    notes += _without_difference(first, second, differences)
+    found = [] if same else list(_differences(first, second))
+    notes += [note for note in found if isinstance(note, str)]
     return PairComparison(
         _intervals(first, second),
-        pd.DataFrame(differences),
+        pd.DataFrame([row for row in found if not isinstance(row, str)]),
         pd.DataFrame(pair.flat() for pair in _bands(first, second)),
         tuple(notes),
     )
@@ -113,26 +120,6 @@ def _left_out(of_a: Sequence[str], of_b: Sequence[str]) -> Iterator[str]:
         alone = [name for name in names if name not in other]
         if alone:
             yield f"Only {label} has {', '.join(alone)}: left out."
-
-
-def _without_difference(
-    first: Study, second: Study, differences: Sequence[dict[str, object]]
-) -> Iterator[str]:
-    """Name the environments that both studies have and of which a method gives no difference."""
-    environments = [name for name in first.data.environments if name in second.data.environments]
-    parameters = [name for name in first.data.parameters if name in second.data.parameters]
-    for method in dict.fromkeys(row["method"] for row in differences):
-        with_difference = {
-            (row["parameter"], row["environment"]) for row in differences if row["method"] == method
-        }
-        for parameter in parameters:
-            lacking = [name for name in environments if (parameter, name) not in with_difference]
-            if lacking:
-                where = ", ".join(lacking)
-                yield (
-                    f"No {method} difference of {parameter} in {where}: in A or B it has no"
-                    f" interval of the {first.scene.inference.family} family."
-                )
 
 
 def _bands(first: Study, second: Study) -> Iterator[BandPair]:
@@ -177,27 +164,66 @@ def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
     )
 
 
-def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
-    """Yield Welch's interval of the difference of means, and the F interval of the ratio of SDs."""
+def _differences(first: Study, second: Study) -> Iterator[ContrastRow | str]:
+    """Yield B's users against A's in each cell, by each method that both have; or say why not."""
+    data = second.data
+    family = data.asked.family
+    log = family == "lognormal"
+    methods: dict[Method, _Tests] = {
+        "classical": _classical(first, second),
+        "bayesian": _bayesian(first, second),
+    }
+    for (method, tests), cell in itertools.product(methods.items(), data.reference):
+        parameter, environment = cell
+        if not tests or cell not in first.data.reference:
+            continue
+        if cell not in tests:
+            yield (
+                f"No {method} difference of {parameter} in {environment}: in A or B it has no"
+                f" interval of the {family} family."
+            )
+            continue
+        difference, ratio, n, evidence = tests[cell]
+        bias = Contrast(
+            parameter=parameter,
+            factor="study",
+            first="A",
+            second="B",
+            of="bias",
+            within=False,
+            environment=environment,
+            references=(environment,),
+        )
+        ends = np.exp(difference) if log else difference
+        unit = "" if log else data.quantities[parameter].unit
+        yield contrast_row(data, bias, ends, n, method=method, unit=unit, **evidence)
+        spread = dataclasses.replace(bias, of="spread")
+        yield contrast_row(data, spread, ratio, n, method=method)
+
+
+def _classical(first: Study, second: Study) -> _Tests:
+    """Welch's interval of the difference of means, and the F interval of the ratio of SDs."""
     asked = first.scene.inference
+    found: _Tests = {}
     if "bayesian" in (asked.method, second.scene.inference.method):
-        return
+        return found
     of_b = second.data.moments(asked.family)
     for cell, a in first.data.moments(asked.family).items():
         if cell in of_b:
-            found = group_contrast(a, of_b[cell], level=asked.level)
+            difference = group_contrast(a, of_b[cell], level=asked.level)
             ratio = group_spread_ratio(a, of_b[cell], level=asked.level)
-            limits = [found.lower, found.estimate, found.upper]
-            ratios = [ratio.lower, ratio.estimate, ratio.upper]
-            yield _row(cell, "classical", asked.family, limits, ratios)
+            evidence = {"p_value": difference.p_value}
+            found[cell] = (ends_of(difference), ends_of(ratio), difference.n, evidence)
+    return found
 
 
-def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
-    """Yield rows of both posteriors: limits of a mixture of normals, and quantiles of ratios."""
+def _bayesian(first: Study, second: Study) -> _Tests:
+    """Limits of a mixture of normals, and quantiles of ratios, of both posteriors."""
     a = first.passed
     b = second.passed
+    found: _Tests = {}
     if a is None or b is None:
-        return
+        return found
     from percept.inference.sampling.endpoints import mixture_limits
 
     asked = first.scene.inference
@@ -214,10 +240,12 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
         mean = (mean_b - mean_a)[:, None]
         sd = np.hypot(sd_a, sd_b)[:, None]
         lower, upper, _ = mixture_limits(mean, sd, tail)
-        limits = [lower[0], mean.mean(), upper[0]]
-        ratios = np.quantile(spread_b / spread_a, [tail, 0.5, 1.0 - tail]).tolist()
+        n = int(a.counts[a.column[cell]] + b.counts[b.column[cell]])
+        ends = np.array([lower[0], upper[0], mean.mean()])
+        ratios = np.quantile(spread_b / spread_a, [tail, 1.0 - tail, 0.5])
         above = float(special.ndtr(mean / sd).mean())
-        yield _row(cell, "bayesian", asked.family, limits, ratios, above)
+        found[cell] = (ends, ratios, n, {"probability_above": above})
+    return found
 
 
 def _population(fit: Fit, cell: tuple[str, str]) -> Array:
@@ -229,22 +257,3 @@ def _population(fit: Fit, cell: tuple[str, str]) -> Array:
     drawn = scale.unit * centred
     drawn[0] += scale.centre
     return drawn
-
-
-def _row(
-    cell: tuple[str, str],
-    method: str,
-    family: str,
-    limits: Sequence[float],
-    ratios: Sequence[float],
-    above: float | None = None,
-) -> dict[str, object]:
-    """Make a row: lower, value and upper of the difference of averages and the ratio of spreads."""
-    parameter, environment = cell
-    row = {"environment": environment, "parameter": parameter, "method": method, "family": family}
-    names = ("lower", "value", "upper")
-    if family == "lognormal":
-        limits = np.exp(limits).tolist()
-    differences = dict(zip(names, map(float, limits), strict=True))
-    spreads = {f"spread_{name}": float(end) for name, end in zip(names, ratios, strict=True)}
-    return {**row, **differences, "probability_above": above, **spreads}

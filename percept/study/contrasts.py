@@ -36,7 +36,7 @@ from percept.inference.classical.contrasts import (
     spread_ratio,
 )
 from percept.inference.classical.moments import Moments
-from percept.inference.classical.variability import log_sd
+from percept.inference.classical.variability import Bounded, log_sd
 from percept.inference.record import Interval, Kind, Method
 from percept.results import AnovaRow, ContrastRow, LevelValues, Skipped
 from percept.sessions.records import Factors
@@ -80,17 +80,17 @@ def contrast_row(
     kind: Kind = "mean",
     method: Method,
     together: ArrayLike = (np.nan, np.nan),
-    **evidence: float | None,
+    unit: str | None = None,
+    **evidence: Any,
 ) -> ContrastRow:
     """Make a row of lower limit, upper limit and estimate, and of limits that hold together.
 
-    They are differences of responses, or ratios of SDs. `evidence` are p-value, probability,
-    d_z and error by their names in the row.
+    They are ratios of SDs, or numbers in a unit that is given, or else differences of responses.
+    `evidence` are p-value, probability, d_z and error by their names in the row.
     """
     asked = data.asked
     numbers = np.concatenate([ends, together])
-    unit = ""
-    if not contrast.is_ratio:
+    if unit is None and not contrast.is_ratio:
         numbers = data.differences(contrast.parameter, numbers)
         unit = data.unit_of_differences(contrast.parameter)
     lower, upper, estimate, lower_together, upper_together = numbers.tolist()
@@ -108,9 +108,14 @@ def contrast_row(
         estimate=estimate,
         lower_together=known(lower_together),
         upper_together=known(upper_together),
-        unit=unit,
+        unit=unit or "",
         n=n,
     )
+
+
+def ends_of(found: TwoSamples | Interval | Bounded) -> Array:
+    """Lower limit, upper limit and estimate."""
+    return np.array([found.lower, found.upper, found.estimate])
 
 
 def classical_contrasts(data: Data) -> Iterator[ContrastRow | Skipped]:
@@ -167,7 +172,7 @@ def _log_sds(trials: Trials, label: str) -> tuple[Array, list[Skipped]]:
 
 
 #: A test of a contrast: the kind of its interval, the interval, and what else it says.
-_Tested = Iterator[tuple[Kind, TwoSamples | Interval, dict[str, float]]]
+_Tested = Iterator[tuple[Kind, TwoSamples | Interval, dict[str, Any]]]
 
 
 def _classical(
@@ -182,7 +187,7 @@ def _classical(
     tests = _paired if is_paired else _of_groups
     try:
         for kind, found, evidence in tests(data, contrast, cells):
-            ends = np.array([found.lower, found.upper, found.estimate])
+            ends = ends_of(found)
             # Values that are log SDs differ by the logarithm of a ratio.
             ends = np.exp(ends) if contrast.of == "precision" else ends
             n = int(found.n)
@@ -258,7 +263,7 @@ def _rows(
         user_sd = laws.population_sd if kind == "user" else 0.0
         above = special.ndtr(laws.mean / np.hypot(laws.sd, user_sd)).mean(axis=0)
         for i, contrast in enumerate(contrasts):
-            evidence = {}
+            evidence: Any = {}
             if kind != "share":
                 evidence["probability_above"] = float(above[i])
             if kind == "mean" and contrast.is_of_users:
@@ -337,7 +342,7 @@ def _ratio(fit: Fit, contrast: Contrast) -> ContrastRow:
             log_sds.append(of_locations)
         ratios = np.exp(np.hstack(log_sds) @ contrast.row)
     limits = fit.limits_of_draws(ratios)
-    ends = [limits.lower, limits.upper, limits.estimate]
+    ends = ends_of(limits)
     n = contrast.subjects
     return contrast_row(fit.data, contrast, ends, n, method="bayesian", error=limits.error)
 

@@ -60,11 +60,12 @@ def test_groups_of_a_file_differ_as_files_of_their_own_do(folder, capsys):
     }
     files = [folder / "left.csv", folder / "right.csv"]
     apart = json.loads(printed(["compare", *files, *words], capsys))
-    assert len(apart["differences"]) == 4
-    for row in apart["differences"]:
+    found = [row for row in apart["differences"] if row["of"] == "bias"]
+    assert len(found) == 4
+    for row in found:
         bias = biases[row["parameter"], row["environment"]]
-        ends = [bias["lower"], bias["estimate"], bias["upper"]]
-        assert ends == pytest.approx([row["lower"], row["value"], row["upper"]], rel=1e-9)
+        for name in ("lower", "estimate", "upper", "p_value", "n"):
+            assert row[name] == pytest.approx(bias[name], rel=1e-9)
 
 
 def test_two_devices_differ_in_curves_only(folder, capsys):
@@ -88,7 +89,7 @@ def test_two_devices_differ_in_curves_only(folder, capsys):
     assert f"The 10 of {len(found['curves'])} boundaries farthest apart" in text
     assert f"{max(places):.4g}" in text
     assert found["notes"][0] in text
-    assert "Average users" not in text
+    assert "Bias, B against A" not in text
 
 
 def test_the_same_sessions_under_two_settings_stand_side_by_side(folder, capsys):
@@ -101,7 +102,7 @@ def test_the_same_sessions_under_two_settings_stand_side_by_side(folder, capsys)
         "classical",
     ]
     text = printed(words, capsys)
-    assert "Average users" not in text
+    assert "Bias, B against A" not in text
     assert "width_ratio" in text.split("Intervals of A and B")[1]
 
 
@@ -110,7 +111,7 @@ def test_different_people_of_one_file_are_two_samples(folder, capsys):
     words += ["--other-scene", folder / "others.toml", "--method", "classical", "--json"]
     found = json.loads(printed(words, capsys))
     assert found["notes"] == []
-    assert len(found["differences"]) == 4
+    assert len(found["differences"]) == 8
 
 
 def test_conditions_of_the_same_subjects_are_paired(tmp_path, capsys):

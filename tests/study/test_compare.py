@@ -36,11 +36,11 @@ def test_limits_of_a_difference_are_welch_s_and_those_of_a_ratio_of_spreads_fish
     """Four subjects and nine, of four times the spread."""
     first, a = scattered("A", 100.0, 0.1, 4, seed=2)
     second, b = scattered("B", 120.0, 0.4, 9, seed=3)
-    (row,) = compare_studies(first, second).differences.query("parameter == 'k'").itertuples()
+    row, spread = compare_studies(first, second).differences.itertuples()
     welch = stats.ttest_ind(b, a, equal_var=False).confidence_interval(0.9)
     np.testing.assert_allclose(np.log([row.lower, row.upper]), [welch.low, welch.high], rtol=1e-9)
     fisher = b.var(ddof=1) / a.var(ddof=1) / stats.f(8, 3).ppf([0.95, 0.05])
-    np.testing.assert_allclose([row.spread_lower, row.spread_upper], np.sqrt(fisher), rtol=1e-9)
+    np.testing.assert_allclose([spread.lower, spread.upper], np.sqrt(fisher), rtol=1e-9)
 
 
 def test_blank_levels_are_named_with_their_row():
@@ -60,15 +60,17 @@ def test_a_study_against_a_shifted_copy_of_itself(fitted):
     table["k_adj"] *= 1.25
     other = Study(table, without_device(fitted, tolerance=0.2))
     found = compare_studies(fitted, other).differences
-    k = found.query("parameter == 'k' and method == 'classical'")
-    np.testing.assert_allclose(k["value"], 1.25, rtol=1e-9)
-    np.testing.assert_allclose(k["spread_value"], 1.0, rtol=1e-6)
-    b = found.query("parameter == 'b' and method == 'bayesian'")
+    k = found.query("parameter == 'k' and method == 'classical'").set_index("of")["estimate"]
+    np.testing.assert_allclose(k["bias"], 1.25, rtol=1e-9)
+    np.testing.assert_allclose(k["spread"], 1.0, rtol=1e-6)
+    b = found.query("parameter == 'b' and method == 'bayesian' and of == 'bias'")
     assert ((b["lower"] < 1.0) & (b["upper"] > 1.0)).all()
     assert b["probability_above"].between(0.2, 0.8).all()
     bayes = found.query("parameter == 'k' and method == 'bayesian'")
-    assert bayes.set_index("environment").loc["VE4", "probability_above"] > 0.999
-    assert ((bayes["spread_lower"] < 1.0) & (bayes["spread_upper"] > 1.0)).all()
+    stiff = bayes.query("environment == 'VE4' and of == 'bias'")
+    assert stiff["probability_above"].item() > 0.999
+    spread = bayes.query("of == 'spread'")
+    assert ((spread["lower"] < 1.0) & (spread["upper"] > 1.0)).all()
 
 
 def test_what_only_one_study_has_is_named(fitted):
