@@ -72,10 +72,7 @@ _LAWS = {"weber": "w·{0}", "offset": "c + w·{0}", "power": "w·{0}^p"}
 #: Steps of the ladder, in words.
 _STEPS = {
     "prior": "each {environment} modelled by itself, with the priors",
-    "trials": "single trials instead of means over trials",
     "pooling": "all {environments} together",
-    "own_trials": "a trial SD for each {subject}",
-    "correlation": "both quantities together",
     "scale": "the lognormal family",
     "sampling": "the same model",
     "all": "all steps",

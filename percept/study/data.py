@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cached_property
@@ -30,13 +31,11 @@ from percept.sessions import Sessions
 from percept.sessions.doubts import empty_cells
 from percept.sessions.quantities import Quantities, Quantity, is_impedance
 from percept.sessions.records import Notice
-from percept.study.basics import FAMILIES, Array, References, analysed_parameters
+from percept.study.basics import FAMILIES, Array, References, analysed_parameters, known
 from percept.study.conditions import Conditions, conditions_of
 from percept.study.responses import Trials, trials
 
 _Names = NDArray[np.object_]
-#: Others whose scatter a distance is measured in: one alone has none.
-_FEWEST_OTHERS = 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -341,32 +340,26 @@ def _people(data: Data, parameter: str) -> Iterator[SubjectRow]:
         deviation = np.log(adjusted / reference)
     elif relative:
         deviation = adjusted / reference - 1.0
-    by_cell = rows.assign(deviation=deviation).groupby(["subject", "environment"])
-    cells = by_cell["deviation"].mean().unstack()
+    by_cell = rows.assign(deviation=deviation).groupby(["subject", "environment"])["deviation"]
+    cells = by_cell.mean().unstack()
     # Environments are centred, so that subjects with different environments compare.
     centred = (cells - cells.mean()).mean(axis=1)
-    trial_counts = rows["subject"].value_counts()
-    for subject in data.sessions.subjects:
-        if subject not in cells.index:
-            continue
-        values = cells.loc[subject].dropna().to_numpy(dtype=float)
-        mean = float(values.mean())
+    means = cells.mean(axis=1)
+    sds = cells.std(axis=1)
+    counts = rows["subject"].value_counts(sort=False)
+    for subject in dict.fromkeys(rows["subject"]):
+        others = centred.drop(subject)
+        # Without scatter there is no distance, nor with one other subject.
+        distance = (centred[subject] - others.mean()) / (others.std() or math.nan)
         yield SubjectRow(
             subject=subject,
             parameter=parameter,
-            n=len(values),
-            trials=int(trial_counts[subject]),
+            n=int(cells.loc[subject].count()),
+            trials=int(counts[subject]),
             relative=relative,
             log=log,
-            mean=float(np.expm1(mean)) if log else mean,
-            sd=float(values.std(ddof=1)) if len(values) > 1 else None,
-            distance=_distance(centred, subject),
+            mean=float(np.expm1(means[subject]) if log else means[subject]),
+            sd=known(sds[subject]),
+            distance=known(distance),
             unit="" if relative else data.quantities[parameter].unit,
         )
-
-
-def _distance(centred: pd.Series[float], subject: str) -> float | None:
-    """How far a subject lies from the others' mean, in the others' SDs; None without scatter."""
-    others = centred.drop(subject).to_numpy(dtype=float)
-    scatter = float(others.std(ddof=1)) if len(others) >= _FEWEST_OTHERS else 0.0
-    return float((centred[subject] - others.mean()) / scatter) if scatter > 0.0 else None

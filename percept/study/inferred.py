@@ -126,15 +126,7 @@ class Inferred:
         references = [self.data.reference[cell] for cell in cells]
         for kind in self.data.asked.kinds:
             ends = np.stack([*fit.limits[kind], fit.estimate])
-            yield from bayesian_rows(
-                self.data,
-                kind,
-                cells,
-                ends,
-                references,
-                counts=fit.counts.tolist(),
-                repeats=fit.repeats,
-            )
+            yield from bayesian_rows(fit, kind, cells, ends, references, fit.counts.tolist())
 
     @property
     def intervals(self) -> pd.DataFrame:

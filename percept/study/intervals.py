@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from percept.errors import RefusalError
 from percept.inference.classical.intervals import Claim, interval_of
@@ -12,6 +12,9 @@ from percept.inference.record import ROW, Interval, Joint, Kind
 from percept.results import IntervalRow, MethodPair, Skipped
 from percept.study.basics import IF_BY_TRIAL, Array, claim_of, known
 from percept.study.data import Data
+
+if TYPE_CHECKING:
+    from percept.study.fit import Fit
 
 #: Of the table of intervals.
 COLUMNS = ["environment", "parameter", *ROW, "reference"]
@@ -42,21 +45,19 @@ def classical_rows(data: Data) -> Iterator[IntervalRow | Skipped]:
 
 
 def bayesian_rows(
-    data: Data,
+    fit: Fit,
     kind: Kind,
     cells: Sequence[tuple[str, str]],
     ends: Array,
     references: Sequence[float],
-    *,
     counts: Sequence[int],
-    repeats: bool | None,
 ) -> Iterator[IntervalRow]:
     """Yield rows of posterior intervals of one kind.
 
     Parameters
     ----------
-    data : Data
-        What is asked, and in which words.
+    fit : Fit
+        That passed.
     kind : str
         What the intervals cover.
     cells : sequence of (str, str)
@@ -67,13 +68,12 @@ def bayesian_rows(
         Of the cells, in the same units.
     counts : sequence of int
         Subjects behind each cell.
-    repeats : bool or None
-        Whether any cell holds more than one trial; None where it is not known.
     """
+    data = fit.data
     asked = data.asked
     is_share = kind == "share"
     of_cells = zip(cells, ends.T.tolist(), references, counts, strict=True)
-    for (parameter, environment), (lower, upper, estimate), reference, n in of_cells:
+    for cell, (lower, upper, estimate), reference, n in of_cells:
         interval = Interval(
             kind=kind,
             method="bayesian",
@@ -84,21 +84,20 @@ def bayesian_rows(
             lower=lower,
             upper=upper,
             estimate=estimate,
-            n=int(n),
-            unit=data.quantities[parameter].unit,
-            repeats=repeats,
+            n=n,
+            unit=data.quantities[cell[0]].unit,
+            repeats=fit.repeats,
             # Moments of logarithms are matched to published limits.
             approximate=data.sessions.form == "summary" and asked.family == "lognormal",
         )
-        yield _row(data, interval, (parameter, environment), reference)
+        yield _row(data, interval, cell, reference)
 
 
 def _row(data: Data, interval: Interval, cell: tuple[str, str], reference: float) -> IntervalRow:
     """Make a row of an interval in a cell, (parameter, environment)."""
     parameter, environment = cell
-    fields = {name: getattr(interval, name) for name in ROW}
+    fields = interval.as_dict()
     fields["covers"] = interval.covers_of(*data.scene.user_noun)
-    fields |= {name: float(fields[name]) for name in ("lower", "upper", "estimate")}
     return IntervalRow(
         environment=environment,
         parameter=parameter,
@@ -115,16 +114,15 @@ def method_pairs(rows: Sequence[IntervalRow]) -> Iterator[MethodPair]:
     zero or negative.
     """
     marginal = [row for row in rows if row.joint == "marginal"]
-    by_difference = {
-        row.parameter for row in marginal if row.reference is not None and row.reference <= 0.0
-    }
+    by_difference = set()
     posterior = {}
     for row in marginal:
+        if row.reference is not None and row.reference <= 0.0:
+            by_difference.add(row.parameter)
         if row.method == "bayesian":
             posterior[row.environment, row.parameter, row.kind, row.family] = row
     for row in marginal:
-        key = row.environment, row.parameter, row.kind, row.family
-        other = posterior.get(key)
+        other = posterior.get((row.environment, row.parameter, row.kind, row.family))
         if row.method == "bayesian" or other is None:
             continue
         relative = row.parameter not in by_difference

@@ -210,18 +210,18 @@ def _cells(statistics: Statistics, data: Data) -> tuple[Cells, CellFactors]:
     return cells, factors
 
 
-def own_trial_sds(data: Trials, scene: Scene) -> bool | Skipped:
+def own_trial_sds(trials: Trials, scene: Scene) -> bool | Skipped:
     """Say whether subjects have trial SDs of their own, and why not where they repeat trials."""
-    if not data.statistics.repeats:
+    if not trials.statistics.repeats:
         return False
-    why_not = _why_not(data, scene)
+    why_not = _why_not(trials, scene)
     if not why_not:
         return True
-    what = " and ".join(scene.quantities[p].label for p in data.parameters)
+    what = " and ".join(scene.quantities[p].label for p in trials.parameters)
     return Skipped(f"subjects' own trial SDs of {what}", why_not)
 
 
-def _why_not(data: Trials, scene: Scene) -> str:
+def _why_not(trials: Trials, scene: Scene) -> str:
     """Say why all subjects share one trial SD; empty where each has one of their own."""
     table = scene.model
     setting = table.subjects_trial_sd
@@ -229,74 +229,55 @@ def _why_not(data: Trials, scene: Scene) -> str:
         return "[model] subjects_trial_sd = false"
     if setting == "auto" and (table.common_spread or not table.subject_effect):
         return "they do not go with [model] common_spread, nor with subject_effect = false"
-    why = "the study has one environment" if len(data.environments) == 1 else _no_scatter(data)
-    if setting == "auto" and not why and not table.precision:
-        why = _why_not_by_default(data)
-        why = why and f"{why}; [model] subjects_trial_sd = true computes them"
-    return why
+    if len(trials.environments) == 1:
+        return "the study has one environment"
+    why = _alike(trials)
+    if why or setting is True or table.precision:
+        return why
+    repeats = np.maximum(trials.counts - 1.0, 0.0).sum(axis=1)
+    if len(repeats) > _MOST_SUBJECTS:
+        why = f"the study has more than {_MOST_SUBJECTS} subjects"
+    elif np.median(repeats) < _LEAST_TRIAL_DF:
+        why = f"half of the subjects repeat a trial fewer than {_LEAST_TRIAL_DF} times"
+    return why and f"{why}; [model] subjects_trial_sd = true computes them"
 
 
-def _why_not_by_default(data: Trials) -> str:
-    """Say why subjects share one trial SD unless the scene asks for more; empty if they do not."""
-    if len(data.subjects) > _MOST_SUBJECTS:
-        return f"the study has more than {_MOST_SUBJECTS} subjects"
-    if np.median(_trial_df(data).sum(axis=1)) < _LEAST_TRIAL_DF:
-        return f"half of the subjects repeat a trial fewer than {_LEAST_TRIAL_DF} times"
-    return ""
-
-
-def _trial_df(data: Trials) -> Array:
-    """Count the trials of each subject in each cell beyond the first, (N, J)."""
-    return np.maximum(data.counts - 1.0, 0.0)
-
-
-def _no_scatter(data: Trials) -> str:
+def _alike(trials: Trials) -> str:
     """Say where repeats are so much alike that a trial SD has no proper posterior, or nothing."""
-    df = _trial_df(data)
-    scatters = _scatters(data)
-    repeats = df.sum(axis=1) > 0.0
-    steady = np.flatnonzero(repeats & ~np.all(scatters.any(axis=1), axis=1))
-    if steady.size:
-        names = ", ".join(data.subjects[i] for i in steady)
-        return f"the repeats of {names} are all alike, and a trial SD of zero has no posterior"
-    for p in range(len(data.parameters)):
-        if (vanishing := _vanishing(df, scatters[:, :, p])).size:
-            names = ", ".join(data.environments[j] for j in vanishing)
-            return f"most repeats in {names} are alike, and trial SDs of zero have no posterior"
+    responses = pd.DataFrame(trials.response)
+    cells = responses.groupby([trials.subject, trials.environment])
+    # Values, not squares about their mean: rounding of the mean is no scatter.
+    scatters = cells.max() > cells.min()
+    # A cell in which no repeats differ is refused, unless the resolution stands in for scatter.
+    scatters |= ~scatters.groupby(level=1).transform("any")
+    df = cells.size() - 1
+    repeated = (df > 0).to_numpy()
+    repeats = np.asarray(df[repeated], dtype=float)
+    scatters = scatters[repeated]
+    subject = scatters.index.get_level_values(0)
+    cell = scatters.index.get_level_values(1)
+    for _, of_quantity in scatters.items():
+        vanishes = _vanishing(repeats, subject, cell, of_quantity.to_numpy())
+        if vanishes.any():
+            who = ", ".join(trials.subjects[i] for i in np.unique(subject[vanishes]))
+            where = ", ".join(trials.environments[j] for j in np.unique(cell[vanishes]))
+            alike = f"the repeats of {who} in {where} are alike"
+            return f"{alike}, and a trial SD of zero has no posterior"
     return ""
 
 
-def _scatters(data: Trials) -> NDArray[np.bool_]:
-    """Say in which cells the repeats of a subject differ, by quantity, (N, J, P)."""
-    # Values, not squares about their mean: rounding of the mean is no scatter.
-    smallest = np.full((*data.counts.shape, len(data.parameters)), np.inf)
-    largest = -smallest
-    np.minimum.at(smallest, (data.subject, data.environment), data.response)
-    np.maximum.at(largest, (data.subject, data.environment), data.response)
-    scatters = largest > smallest
-    # A cell in which no repeats differ is refused, unless the resolution stands in for scatter.
-    return scatters | ~scatters.any(axis=0)
-
-
-def _vanishing(df: Array, scatters: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return the cells whose SDs the likelihood of one quantity drives to zero; none if bounded.
+def _vanishing(
+    df: Array, subject: pd.Index[int], cell: pd.Index[int], scatter: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Tell the groups of trials whose SDs the likelihood drives to zero; none if it is bounded.
 
     The log SD of subject i in cell j is a_j + phi_i, and n trials beyond the first that do not
     scatter have the log likelihood -n (a_j + phi_i). It grows without bound along a direction in
     which no sum falls where trials scatter, and the sum over all trials does.
     """
-    subject, cell = np.nonzero(df)
-    groups = np.arange(len(subject))
-    sums = np.zeros((len(subject), sum(df.shape)))
-    sums[groups, subject] = 1.0
-    sums[groups, len(df) + cell] = 1.0
-    scatter = scatters[subject, cell]
-    trials = df[subject, cell]
+    sums = np.hstack([pd.get_dummies(subject, dtype=float), pd.get_dummies(cell, dtype=float)])
     bound = np.zeros(scatter.sum())
-    steepest = optimize.linprog(trials @ sums, A_ub=-sums[scatter], b_ub=bound, bounds=(-1.0, 1.0))
+    steepest = optimize.linprog(df @ sums, A_ub=-sums[scatter], b_ub=bound, bounds=(-1.0, 1.0))
     moves = sums @ np.asarray(steepest.x)
     # The steepest direction has whole components: one half tells them from zero.
-    vanishes = moves < -0.5
-    if trials @ moves > -0.5:
-        vanishes[:] = False
-    return np.unique(cell[vanishes])
+    return (moves < -0.5) & (df @ moves <= -0.5)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from percept import haptics
 from percept.errors import RefusalError, UsageError
@@ -103,27 +105,27 @@ def predict(
     fit = _passed_fit(study)
     tested = np.log10([[data.reference[p, e] for e in fit.environments] for p in data.parameters])
     log = np.log10(values)
-    decades = log - tested.mean(axis=1)
     above = np.maximum(log - tested.max(axis=1), 0.0)
     below = np.minimum(log - tested.min(axis=1), 0.0)
+    decades = log - tested.mean(axis=1)
     rng = generator(data.asked.seed, Stream.NEW_ENVIRONMENT)
     expected = new_environment(fit.model, fit.points, decades, repeats=_REPEATS, rng=rng)
     scale = ResponseScale.of(values, data.asked.family)
+    # A draw's repeats belong together.
+    batch = np.repeat(fit.run.batches(), _REPEATS)
     rows: list[IntervalRow] = []
     errors: list[float] = []
+    laws: list[Law] = []
     for condition, users in expected.items():
-        for row, error in _rows(fit, users, new_name(condition), scale):
+        name = new_name(condition)
+        for row, error in _rows(fit, users, name, scale, batch):
             rows.append(row)
             errors.append(error)
+        if data.is_impedance and data.sessions.form == "trials":
+            laws += posterior_laws(name, users, batch, rows[-1].n, scale, data.asked)
     boundaries: tuple[Boundary, ...] = ()
     skipped: list[Skipped] = []
     if study.setup is not None and data.is_impedance:
-        laws: list[Law] = []
-        if data.sessions.form == "trials":
-            batch = np.repeat(fit.run.batches(), _REPEATS)
-            n = int(fit.counts.max())
-            for condition, users in expected.items():
-                laws += posterior_laws(new_name(condition), users, batch, n, scale, data.asked)
         names = [new_name(condition) for condition in expected]
         k, b = values.tolist()
         environment = haptics.Environment(stiffness=k, damping=b, mass=mass)
@@ -146,28 +148,33 @@ def predict(
 def _references(study: Study, asked: Mapping[str, float | None]) -> tuple[Array, float]:
     """Return the references (P,) and the mass, kg, of the new environment.
 
-    UsageError of those missing, not positive, or not analysed.
+    UsageError of those missing, not positive, or not analysed. The mass is that of all tested
+    environments, if they have one.
     """
     parameters = study.data.parameters
     quantities = study.data.quantities
     given = {name: value for name, value in asked.items() if value is not None}
     mass = 0.0
     if study.data.is_impedance and "m" not in quantities:
-        mass = _mass(study, given.pop("m", None))
+        tested = set(study.sessions.masses.values())
+        if "m" not in given and len(tested) > 1:
+            masses = ", ".join(f"{mass:g}" for mass in sorted(tested))
+            message = f"the mass of the new environment is missing; tested ones have {masses} kg."
+            raise UsageError(message, key="m", hint='Give it: at={"m": …}, or --at m=….')
+        mass = float(given.pop("m", min(tested)))
+        if not 0.0 <= mass < math.inf:
+            message = "the mass of the new environment is 0 or more kg."
+            raise UsageError(message, key="m", value=mass)
     for name, value in given.items():
         if name not in parameters:
             known = {**IMPEDANCE, **quantities}.get(name)
             message = f"the study does not analyse {known.label if known else name}."
             raise UsageError(message, key=name, value=value, hint="Leave it out.")
     for name in parameters:
-        reference = given.get(name)
-        which = f"the {quantities[name].label} of the new environment"
-        positive = f"a positive number of {quantities[name].unit}".removesuffix(" of ")
-        if reference is None:
-            hint = f"The study analyses it: give {positive}."
-            raise UsageError(f"{which} is missing.", key=name, hint=hint)
-        if not (np.isfinite(reference) and reference > 0):
-            raise UsageError(f"{which} must be {positive}.", key=name, value=reference)
+        if not 0.0 < given.get(name, math.nan) < math.inf:
+            positive = f"a positive number of {quantities[name].unit}".removesuffix(" of ")
+            message = f"the {quantities[name].label} of the new environment must be {positive}."
+            raise UsageError(message, key=name, value=given.get(name), hint="Give it.")
     return np.array([float(given[name]) for name in parameters]), mass
 
 
@@ -184,36 +191,18 @@ def _passed_fit(study: Study) -> Fit:
     return fit
 
 
-def _mass(study: Study, given: float | None) -> float:
-    """Mass of the new environment, kg: the given one, or that of all tested environments."""
-    tested = set(study.sessions.masses.values())
-    if given is None and len(tested) > 1:
-        masses = ", ".join(f"{mass:g}" for mass in sorted(tested))
-        message = f"the mass of the new environment is missing; tested ones have {masses} kg."
-        raise UsageError(message, key="m", hint='Give it: at={"m": …}, or --at m=….')
-    mass = next(iter(tested)) if given is None else float(given)
-    if not (np.isfinite(mass) and mass >= 0):
-        raise UsageError("the mass of the new environment is 0 or more kg.", key="m", value=mass)
-    return mass
-
-
 def _rows(
-    fit: Fit, users: Joint, name: str, scale: ResponseScale
+    fit: Fit, users: Joint, name: str, scale: ResponseScale, batch: NDArray[np.intp]
 ) -> Iterator[tuple[IntervalRow, float]]:
     """Yield the row of every kind and parameter, and its limits' error in half-widths."""
-    asked = fit.data.asked
-    limits = Limits(fit.model, **claim_of(asked))
+    limits = Limits(fit.model, **claim_of(fit.data.asked))
     moments = users.moments()
     cells = [(parameter, name) for parameter in fit.parameters]
-    # A draw's repeats belong together.
-    batch = np.repeat(fit.run.batches(), _REPEATS)
-    for kind in asked.kinds:
+    counts = [int(fit.counts.max())] * len(cells)
+    for kind in fit.data.asked.kinds:
         lower, upper, influence = limits.of(kind, moments)
         worst = batch_errors(influence, batch).reshape(2, -1).max(axis=0) / (0.5 * (upper - lower))
         with np.errstate(over="ignore", under="ignore"):
             ends = scale.native(np.stack([lower, upper, moments.mean.mean(axis=0)]))
-        counts = [int(fit.counts.max())] * len(cells)
-        rows = bayesian_rows(
-            fit.data, kind, cells, ends, scale.origin.tolist(), counts=counts, repeats=fit.repeats
-        )
+        rows = bayesian_rows(fit, kind, cells, ends, scale.origin.tolist(), counts)
         yield from zip(rows, worst.tolist(), strict=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,16 +54,19 @@ class Prepared:
         return [found for found in ((of_users, kinds), (of_groups, ("mean",))) if found[0]]
 
 
-def prepare(data: Data, *, apart: bool = False) -> Prepared:
-    """Build the model that the data and the scene ask for; or one in which quantities are apart."""
+def prepare(data: Data) -> Prepared:
+    """Build the model that the data and the scene ask for."""
     if data.scene.model.pooling == "none":
         return _unpooled(data)
     if data.sessions.form == "summary":
-        return _from_limits(data)
-    groups = modelled_together(data.parameters, data.asked.together)
-    if apart:
-        groups = [(parameter,) for parameter in data.parameters]
-    return _side_by_side([_of_trials(data, group) for group in groups])
+        # Limits hold no correlation.
+        return _side_by_side([_of_limits(data, parameter) for parameter in data.parameters])
+    groups = _modelled_together(data.parameters, data.asked.together)
+    skipped = []
+    if len(groups) > 1:
+        why = "two are modelled together at most; [inference] together names them"
+        skipped.append(Skipped("correlations of more than two parameters", why))
+    return _side_by_side([_of_trials(data, group) for group in groups], skipped)
 
 
 def prepared_beside(data: Data) -> Prepared | Skipped:
@@ -76,17 +80,12 @@ def prepared_beside(data: Data) -> Prepared | Skipped:
         return Skipped("Bayesian intervals", str(refused))
 
 
-def modelled_together(
+def _modelled_together(
     parameters: tuple[str, ...], named: tuple[str, ...] | None
 ) -> list[tuple[str, ...]]:
     """Group parameters by model: one or two share one; of more, the two that are named."""
-    if len(parameters) < 3:
-        return [parameters]
-    pair = tuple(parameter for parameter in parameters if parameter in (named or ()))
-    groups = []
-    for parameter in parameters:
-        with_other = parameter in pair and len(pair) == 2
-        groups.append(pair if with_other else (parameter,))
+    pair = tuple(name for name in parameters if len(parameters) < 3 or name in (named or ()))
+    groups = [pair if name in pair and len(pair) == 2 else (name,) for name in parameters]
     return list(dict.fromkeys(groups))
 
 
@@ -158,63 +157,58 @@ def _scaled_half_width(sd: float, df: float, priors: Priors, tail: float) -> flo
     return float(half_width[0])
 
 
-def _side_by_side(parts: list[Prepared]) -> Prepared:
+def _side_by_side(parts: list[Prepared], skipped: Sequence[Skipped] = ()) -> Prepared:
     """Put models of different parameters together, the cells of each in a row."""
     if len(parts) == 1:
         return parts[0]
-    why = "two are modelled together at most; [inference] together names them"
-    skipped = [Skipped("correlations of more than two parameters", why)]
-    skipped += dict.fromkeys(one for part in parts for one in part.skipped)
-    scale = ResponseScale(
-        log=parts[0].scale.log,
-        origin=np.concatenate([part.scale.origin for part in parts]),
-        unit=np.concatenate([part.scale.unit for part in parts]),
-    )
     model = Product([part.model for part in parts])
     contrasts = []
-    first = 0
+    before = 0
+    after = model.cell_rows.shape[1]
     for part in parts:
-        last = first + part.model.cell_rows.shape[1]
+        locations = part.model.cell_rows.shape[1]
+        after -= locations
         for contrast in part.contrasts or ():
-            row = np.zeros(model.cell_rows.shape[1])
-            row[first:last] = contrast.row
+            row = np.pad(contrast.row, (before, after))
             contrasts.append(dataclasses.replace(contrast, row=row))
-        first = last
+        before += locations
+    of_parts = dict.fromkeys(one for part in parts for one in part.skipped)
     return Prepared(
         data=parts[0].data,
         model=model,
-        scale=scale,
+        scale=ResponseScale(
+            log=parts[0].scale.log,
+            origin=np.concatenate([part.scale.origin for part in parts]),
+            unit=np.concatenate([part.scale.unit for part in parts]),
+        ),
         counts=np.concatenate([part.counts for part in parts]),
-        repeats=any(part.repeats for part in parts),
-        skipped=tuple(skipped),
+        repeats=any(part.repeats for part in parts) if parts[0].trials else None,
+        skipped=(*skipped, *of_parts),
         contrasts=tuple(contrasts),
     )
 
 
-def _from_limits(data: Data) -> Prepared:
-    """Model each parameter of published limits by itself: limits hold no correlation."""
-    moments = _all_moments(data)
+def _of_limits(data: Data, parameter: str) -> Prepared:
+    """Model a parameter of published limits."""
+    moments = {}
+    for cell, of_cell in _all_moments(data).items():
+        if cell[0] == parameter:
+            moments[cell] = of_cell
     refuse_no_ratio({cell: data.reference[cell] for cell in moments}, data.quantities)
-    shape = (len(data.parameters), len(data.environments))
-    reference = np.reshape([data.reference[cell] for cell in moments], shape)
+    reference = np.array([data.reference[cell] for cell in moments])
     scale = ResponseScale.of(reference, data.asked.family)
-    means, sds, counts = _arrays(moments)
-    of_parameters = zip(
-        data.parameters,
-        ((means - scale.centre) / scale.unit).reshape(shape),
-        (sds / scale.unit).reshape(shape),
-        counts.reshape(shape),
-        decades(reference),
-        strict=True,
+    mean, sd, counts = _arrays(moments)
+    statistics = from_summary(
+        (mean - scale.centre) / scale.unit,
+        sd / scale.unit,
+        counts.astype(float),
+        decades(reference[None])[0],
+        parameter=parameter,
+        environments=data.environments,
     )
-    models = []
-    for parameter, *numbers in of_parameters:
-        statistics = from_summary(*numbers, parameter=parameter, environments=data.environments)
-        priors = priors_of(data.scene, (parameter,))
-        model = plain_model(statistics, priors, options_of(data.scene))
-        _refuse_ruling_prior(model, data)
-        models.append(model)
-    return Prepared(data=data, model=Product(models), scale=scale, counts=counts, repeats=None)
+    model = plain_model(statistics, priors_of(data.scene, (parameter,)), options_of(data.scene))
+    _refuse_ruling_prior(model, data)
+    return Prepared(data=data, model=model, scale=scale, counts=counts, repeats=None)
 
 
 def _unpooled(data: Data) -> Prepared:

@@ -271,35 +271,35 @@ def lacking_scatter(
     Scatter lacks between subjects and between trials: where all values of a quantity are equal, and
     where those of two are in proportion.
     """
+    has_step = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
+    means = statistics.cell_means - np.nanmean(statistics.cell_means, axis=0)
+    trials = statistics.trial_rows
     between = (statistics.sd == 0) & (statistics.df > 0)
-    trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
+    trial = ((trials**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
     alike = "all subjects made the same adjustments"
     _refuse_without_step(alike, between, statistics, steps, quantities)
     _refuse_without_step("no subject's trials differ", trial, statistics, steps, quantities)
-    has_step = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
-    if len(statistics.parameters) == 2:
-        means = statistics.cell_means
-        about_cells = (means - np.nanmean(means, axis=0)).transpose(2, 1, 0)
-        of_means = [pair[:, np.isfinite(pair).all(axis=0)] for pair in about_cells]
-        of_trials = list(statistics.trial_rows.transpose(2, 0, 1))
-        for what, scatter, df, lacking in (
-            ("the subjects' means", of_means, statistics.df.min(axis=0), between),
-            ("a subject's trials", of_trials, statistics.trial_df, trial),
-        ):
-            if _in_proportion(scatter, df):
-                if not has_step.any():
-                    first, second = [quantities[p] for p in statistics.parameters]
-                    raise RefusalError(
-                        f"{first.label} and {second.label} of {what} move in proportion, to within"
-                        f" {_PROPORTION:.1%}, in every environment: a correlation of one has no"
-                        " proper posterior.",
-                        column=f"{second.name}_adj",
-                        hint=(
-                            "Analyse one of them, [inference] parameters, or give the steps: "
-                            "[model] resolution."
-                        ),
-                    )
-                lacking |= df > 0
+    if len(statistics.parameters) < 2:
+        return between, trial
+    first, second = [quantities[parameter] for parameter in statistics.parameters]
+    for what, (a, b), df, lacking in (
+        ("the subjects' means", means.transpose(1, 2, 0), statistics.df.min(axis=0), between),
+        ("a subject's trials", trials.transpose(0, 2, 1), statistics.trial_df, trial),
+    ):
+        if not _in_proportion(a, b, df):
+            continue
+        lacking |= df > 0
+        if not has_step.any():
+            raise RefusalError(
+                f"{first.label} and {second.label} of {what} move in proportion, to within"
+                f" {_PROPORTION:.1%}, in every environment: a correlation of one has no proper"
+                " posterior.",
+                column=f"{second.name}_adj",
+                hint=(
+                    "Analyse one of them, [inference] parameters, or give the steps: "
+                    "[model] resolution."
+                ),
+            )
     return between & has_step, trial & has_step
 
 
@@ -325,14 +325,17 @@ def _refuse_without_step(
             )
 
 
-def _in_proportion(scatter: list[Array], df: Array) -> bool:
-    """Say whether in every environment the two rows of the scatter (2, n) are multiples."""
-    informed = [pair for pair, pair_df in zip(scatter, df, strict=True) if pair_df >= 1]
+def _in_proportion(a: Array, b: Array, df: Array) -> bool:
+    """Say whether the rows of the scatter (J, n) of two quantities are multiples in every one."""
+    informed = df >= 1.0
+    a = a[informed]
+    b = b[informed]
+    squares = np.nansum(a * a, axis=1) * np.nansum(b * b, axis=1)
     with np.errstate(invalid="ignore"):
-        correlations = np.array([a @ b / np.sqrt((a @ a) * (b @ b)) for a, b in informed])
+        correlations = np.nansum(a * b, axis=1) / np.sqrt(squares)
     # What is left of a regression, over what is regressed, is the root of 1 - r².
     is_near_one = np.abs(correlations) >= np.sqrt(1.0 - _PROPORTION**2)
     is_one_sign = abs(np.sign(correlations).sum()) == correlations.size
     # Near a correlation of one the density of such pairs grows as (1 - rho²)^(-(f - 1)/2) for every
     # environment's f degrees of freedom; from four such half powers on no prior of rho holds it.
-    return bool(is_near_one.all() and is_one_sign and (df[df >= 1] - 1.0).sum() >= 4.0)
+    return bool(is_near_one.all() and is_one_sign and (df[informed] - 1.0).sum() >= 4.0)

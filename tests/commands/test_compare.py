@@ -153,12 +153,12 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
     assert len(found["comparison"]) == 2 * 2 * 3
     kept = set(tmp_path.iterdir())
     text = printed(words, capsys)
-    # The study's own posterior, each environment's, and two of the normal family, with quantities
-    # apart and together: no other was sampled.
-    assert len(kept) == len(set(tmp_path.iterdir())) == 5
+    # The study's own posterior, each environment's, and one of the normal family: no other was
+    # sampled.
+    assert len(kept) == len(set(tmp_path.iterdir())) == 4
     assert text.startswith("\nIntervals in pairs, lognormal family, level 99 %:")
     steps = [row for row in found["ladder"]["effects"] if row["kind"] == "mean"]
-    assert len(steps) == 2 * 2 * 5
+    assert len(steps) == 2 * 2 * 4
     for row in steps:
         assert f"{row['centre']:.4g}" in text.split("The steps of kind mean")[1]
     assert max(len(line) for line in text.splitlines()) < 160

@@ -78,35 +78,6 @@ def test_steps_lead_from_the_classical_interval_to_the_bayesian(outlying):
             assert rest[name].sum() == pytest.approx(whole[name], abs=1e-12)
 
 
-def test_trial_sds_of_each_user_are_a_step_of_their_own():
-    scene = Scene(inference={"family": "normal", "tolerance": 0.3})
-    sessions = read_sessions("tests/golden/data/own_trials.csv", scene=scene)
-    causes = dict.fromkeys(effect.cause for effect in Study(sessions, scene).ladder.effects)
-    assert list(causes) == ["all", "prior", "trials", "pooling", "own_trials"]
-
-
-def test_correlation_moves_stiffness_that_nothing_else_moves():
-    """Stiffness set without bias, damping far off what its prior holds possible.
-
-    Only what damping's prior does, through the correlation, can move stiffness.
-    """
-    correlation = 0.95
-    rng = np.random.default_rng(4)
-    scores = rng.standard_normal((12, 2))
-    vectors, _, _ = np.linalg.svd(scores - scores.mean(axis=0), full_matrices=False)
-    k = vectors[:, 0]
-    b = correlation * vectors[:, 0] + np.sqrt(1.0 - correlation**2) * vectors[:, 1]
-    adjusted = {"k_adj": 1e3 * (1.0 + 0.6 * k), "b_adj": 5.0 * (1.4 + 0.6 * b)}
-    subjects = [f"S{user:02d}" for user in range(12)]
-    table = pd.DataFrame(adjusted).assign(subject=subjects, environment="VE1", k_ref=1e3, b_ref=5.0)
-    tight = {"priors": {"alpha_sd": 0.05, "tau_scale": 0.05}}
-    study = study_of(table, model=tight, method="both")
-    found = steps_of(study, "parameter == 'k'")
-    assert list(found.index) == ["all", "prior", "correlation", "scale"]
-    assert abs(found.loc["prior", "centre"]) < 0.05
-    assert found.loc["correlation", "centre"] < -0.2
-
-
 def test_pairs_by_hand(fitted):
     pairs = fitted.comparison
     assert len(pairs) == 30

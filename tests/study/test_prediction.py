@@ -85,7 +85,7 @@ def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(
 @pytest.mark.parametrize(
     ("changes", "at", "error", "message"),
     [
-        ({}, {"k": 100.0}, UsageError, "damping of the new environment is missing"),
+        ({}, {"k": 100.0}, UsageError, "damping of the new environment must be a positive number"),
         (
             {},
             {"k": -100.0, "b": 1.0},

@@ -91,10 +91,10 @@ def test_plain_studies_without_them_say_why(made, model, why):
 @pytest.mark.parametrize(
     ("alike", "why"),
     [
-        ("subject == 'S2'", "the repeats of S2 are all alike, and a trial SD of zero has no"),
+        ("subject == 'S2'", "the repeats of S2 in VE1, VE2 are alike, and a trial SD of zero has"),
         (
             "subject != 'S2' and environment == 'VE1'",
-            "most repeats in VE1 are alike, and trial SDs of zero have no posterior",
+            "the repeats of S0, S1, S3, S4, S5 in VE1 are alike",
         ),
     ],
 )
