@@ -86,7 +86,7 @@ def test_two_devices_differ_in_curves_only(folder, capsys):
     assert max(places) > 0.01
     text = printed(words, capsys)
     assert f"B: {folder / 'all.csv'} under {folder / 'light.toml'}" in text
-    assert f"The 10 of {len(found['curves'])} boundaries farthest apart" in text
+    assert "The 6 of 6 boundaries farthest apart" in text
     assert f"{max(places):.4g}" in text
     assert found["notes"][0] in text
     assert "Bias, B against A" not in text
