@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, Evidence, Feeling
-from percept.boundary.shares import Users
+from percept.boundary.shares import LEAST, Users
 from percept.errors import RefusalError
 from percept.haptics.perceived import Display
 from percept.haptics.shown import shown_limits
 from percept.inference.classical.fiducial import central_range_confidence, fiducial_draws
 from percept.inference.classical.moments import Moments
+from percept.inference.record import Family
+from percept.results import Confidences
 
 Array = NDArray[np.float64]
 
@@ -31,35 +33,60 @@ PARTS = 3
 FEWEST_FOR_PAIR = 3
 
 
-@dataclass(frozen=True)
-class Confidence:
-    """Confidence that a display lies in the central range of users, part by part."""
+@dataclass(frozen=True, eq=False)
+class Subjects:
+    """What the classical method knows of the users of one environment."""
 
-    stiffness: float  # At the omega least favourable to it
-    damping: float
-    subjects: int
-    # Tests that ask for the least favourable omega: two where a part reaches over the mean user.
-    stiffness_tests: int = 1
-    damping_tests: int = 1
-    magnitude: float | None = None  # abs(Z_h) at its least favourable omega; None without pairs
-    magnitude_omega: float | None = None  # rad/s
-    together: float | None = None  # Share of draws in which all parts hold at every omega
-    together_error: float | None = None  # Its Monte Carlo standard error
+    family: Family
+    stiffness: Moments  # On the family's scale
+    damping: Moments
+    users: Users | None  # Fiducial draws; None where subjects give no joint law
 
     @property
-    def parts(self) -> tuple[float, ...]:
-        """Confidences of the parts that are known."""
-        known = self.stiffness, self.damping, self.magnitude
-        return tuple(part for part in known if part is not None)
+    def relative_sd(self) -> float:
+        """SD of stiffness between users, relative to its mean."""
+        sd = float(self.stiffness.sd)
+        if self.family == "lognormal":
+            return sd
+        return sd / max(abs(float(self.stiffness.mean)), LEAST)
 
-    def verdict(self, decision: float) -> Feeling:
-        """Judge by the least confident part; of few subjects abs(Z_h) never says "does not"."""
-        if min(self.parts) >= decision:
-            return "feels real"
-        refuting = [self.stiffness * self.stiffness_tests, self.damping * self.damping_tests]
-        if self.magnitude is not None and self.subjects >= FEWEST_FOR_MAGNITUDE:
-            refuting.append(self.magnitude)
-        return "does not" if min(refuting) <= (1.0 - decision) / PARTS else "too little data"
+
+def outcome_of(
+    stiffness: float,
+    damping: float,
+    magnitude: float | None,
+    *,
+    subjects: int,
+    decision: float,
+    tests: tuple[int, int] = (1, 1),
+) -> Feeling:
+    """Judge by the least confident part.
+
+    Parameters
+    ----------
+    stiffness, damping, magnitude : float
+        Confidence in each part; None where abs(Z_h) is not judged.
+    subjects : int
+        Of few abs(Z_h) never says "does not".
+    decision : float
+        Confidence from which a display feels real.
+    tests : pair of int
+        Those behind the confidences in stiffness and damping: two where a part reaches over the
+        mean user.
+
+    Returns
+    -------
+    Feeling
+    """
+    parts = [stiffness, damping]
+    refuting = [stiffness * tests[0], damping * tests[1]]
+    if magnitude is not None:
+        parts.append(magnitude)
+        if subjects >= FEWEST_FOR_MAGNITUDE:
+            refuting.append(magnitude)
+    if min(parts) >= decision:
+        return "feels real"
+    return "does not" if min(refuting) <= (1.0 - decision) / PARTS else "too little data"
 
 
 def fiducial_users(values: Array, *, log: bool, rng: np.random.Generator) -> Users | None:
@@ -88,34 +115,33 @@ def fiducial_users(values: Array, *, log: bool, rng: np.random.Generator) -> Use
 
 def confidence(
     display: Display,
-    stiffness: Moments,
-    damping: Moments,
-    omega: Array,
+    subjects: Subjects,
+    within: tuple[float, float],
     *,
     central: float,
-    log: bool,
-    magnitude: Evidence | None = None,
-) -> Confidence:
+    decision: float,
+    likely: Evidence | None = None,
+) -> Confidences:
     """Judge a display by the subjects of its environment.
 
     Parameters
     ----------
     display : Display
         One environment, directly or through a coupling.
-    stiffness, damping : Moments
-        Of the subjects, of the logarithms where `log` is true.
-    omega : ndarray, shape (M,)
-        rad/s, increasing.
+    subjects : Subjects
+        What is known of them.
+    within : pair of float
+        Range of omega, rad/s.
     central : float
         Share of all users that a central range holds.
-    log : bool
-        Whether users scatter by ratios.
-    magnitude : Evidence, optional
+    decision : float
+        Confidence from which a display is said to feel real.
+    likely : Evidence, optional
         Of the display under `fiducial_users`; without it abs(Z_h) is not judged.
 
     Returns
     -------
-    Confidence
+    Confidences
         Of stiffness and damping exact, of abs(Z_h) as good as its draws.
 
     Raises
@@ -123,19 +149,31 @@ def confidence(
     RefusalError
         Where all users set one quantity to the same value.
     """
-    shown = shown_limits(display, float(omega[0]), float(omega[-1]))
-    by_stiffness, stiffness_tests = _least_confidence(shown.stiffness, stiffness, central, log=log)
-    by_damping, damping_tests = _least_confidence(shown.damping, damping, central, log=log)
-    return Confidence(
+    shown = shown_limits(display, *within)
+    log = subjects.family == "lognormal"
+    by_stiffness, stiffness_tests = _least_confidence(
+        shown.stiffness, subjects.stiffness, central, log=log
+    )
+    by_damping, damping_tests = _least_confidence(shown.damping, subjects.damping, central, log=log)
+    magnitude = likely.lowest if likely else None
+    outcome = outcome_of(
+        by_stiffness,
+        by_damping,
+        magnitude,
+        subjects=int(np.min([subjects.stiffness.n, subjects.damping.n])),
+        decision=decision,
+        tests=(stiffness_tests, damping_tests),
+    )
+    return Confidences(
+        outcome=outcome,
+        family=subjects.family,
+        least=min(by_stiffness, by_damping, 1.0 if magnitude is None else magnitude),
         stiffness=by_stiffness,
         damping=by_damping,
-        subjects=int(np.min([stiffness.n, damping.n])),
-        stiffness_tests=stiffness_tests,
-        damping_tests=damping_tests,
-        magnitude=magnitude.lowest if magnitude else None,
-        magnitude_omega=magnitude.lowest_omega if magnitude else None,
-        together=magnitude.probability if magnitude else None,
-        together_error=magnitude.error if magnitude else None,
+        magnitude=magnitude,
+        magnitude_omega=likely.lowest_omega if likely else None,
+        together=likely.probability if likely else None,
+        together_error=likely.error if likely else None,
     )
 
 

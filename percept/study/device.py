@@ -77,6 +77,13 @@ class Setup:
         """Return the same with another device."""
         return dataclasses.replace(self, loop=dataclasses.replace(self.loop, device=device))
 
+    def displays(self) -> Iterator[tuple[str, bool]]:
+        """Yield each reference, and whether it is displayed through the coupling."""
+        for environment in self.references:
+            yield environment, False
+            if self.coupling is not None:
+                yield environment, True
+
     def display(self, environment: str, *, coupled: bool) -> Display:
         """Return a reference as it is displayed, without or through the coupling."""
         coupling = self.coupling if coupled else None

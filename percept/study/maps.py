@@ -16,13 +16,7 @@ from typing import Literal
 import numpy as np
 
 from percept.boundary.couplings import CouplingJudge
-from percept.boundary.feels_real import (
-    MAP_DRAWS,
-    Evidence,
-    feels_real,
-    judge,
-    share_error,
-)
+from percept.boundary.feels_real import MAP_DRAWS, Evidence, judge, share_error
 from percept.boundary.shares import Users
 from percept.haptics import Coupling, Device, Environment, TabulatedDevice, can_render
 from percept.haptics.loop import log_grid
@@ -38,10 +32,10 @@ from percept.scene import Scene
 from percept.study.basics import Array
 from percept.study.device import Setup
 from percept.study.rendering import StableCouplings
-from percept.study.verdicts import MapUsers, frequencies, relative_sd
+from percept.study.verdicts import MapUsers, evidence_of
 
 #: Draws that confirm an end: on a line of equal probability no number of draws is ever clear of it.
-_END_DRAWS = 2048
+_END_DRAWS = (512, 1024, 2048)
 #: Standard errors by which a probability surely differs from the decision.
 _ERRORS = 2.0
 #: Lines of damping of a map, on which its ends lie, and stiffnesses on each: over the least span
@@ -161,22 +155,16 @@ class _Judge:
         display = setup.display(name, coupled=True)
         #: Of the first draws, as many as it is asked for.
         self.couplings = CouplingJudge(display, self._first(MAP_DRAWS[-1]), omega, central=central)
-        self._searched = frequencies(setup, name, relative_sd(users), scene)
 
     def _first(self, draws: int) -> Users:
         """Return the first of the draws of users, which are in random order."""
         return self.users.select(slice(0, draws))
 
     def confirm(self, coupling: Coupling) -> Evidence:
-        """Judge one coupling by `feels_real`."""
-        setup = dataclasses.replace(self.setup, coupling=coupling)
-        return feels_real(
-            setup.display(self.name, coupled=True),
-            self._first(_END_DRAWS),
-            self._searched,
-            central=self.scene.verdict.central,
-            decision=self.scene.inference.decision,
-            brief=True,
+        """Judge one coupling between frequencies too, with the device at its point."""
+        setup = dataclasses.replace(self.setup, coupling=coupling, draws=None)
+        return evidence_of(
+            setup, self.name, self.users, self.scene, coupled=True, draws=_END_DRAWS, brief=True
         )
 
 
@@ -254,7 +242,7 @@ class _Couplings:
 
     def confirmed_end(self, end: End) -> ConfirmedCoupling | None:
         """Return the stiffest or the softest coupling that surely reaches the decision."""
-        wanted = self._decision + _ERRORS * share_error(self._decision, _END_DRAWS)
+        wanted = self._decision + _ERRORS * share_error(self._decision, _END_DRAWS[-1])
         for _ in range(_ENDS_TRIED):
             coupling = self._probable_end(end, wanted)
             if coupling is None:
@@ -264,7 +252,7 @@ class _Couplings:
             if least_probability >= self._decision:
                 return confirmed
             # What lies between the map's frequencies, and its fewer draws, is asked for on top.
-            wanted += max(self._decision - least_probability, 1.0 / _END_DRAWS)
+            wanted += max(self._decision - least_probability, 1.0 / _END_DRAWS[-1])
         return None
 
     def _probable_end(self, end: End, wanted: float) -> Coupling | None:
@@ -361,43 +349,36 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
     device = setup.loop.device
     if not isinstance(device, Device) or not whose.draws:
         return None
-    decision = scene.inference.decision
     devices = [device]
     devices += [dataclasses.replace(device, mass=factor * device.mass) for factor in _FACTORS]
     devices += [dataclasses.replace(device, damping=factor * device.damping) for factor in _FACTORS]
+    setups = [dataclasses.replace(setup.with_device(other), draws=None) for other in devices]
     verdicts = []
-    for environment, population in whose.draws.items():
-        for coupled in (False, True) if setup.coupling is not None else (False,):
-            displays = []
-            rendered = []
-            for other in devices:
-                varied = setup.with_device(other)
-                display = varied.display(environment, coupled=coupled)
-                rendering = can_render(varied.loop, display.environment, coupling=display.coupling)
-                displays.append((display, _map_frequencies(varied, environment, population, scene)))
-                rendered.append(rendering.verdict == "can")
-            if not any(rendered):
-                continue
-            probabilities = [
-                feels_real(
-                    display,
-                    population,
-                    omega,
-                    central=scene.verdict.central,
-                    decision=decision,
-                    draws=MAP_DRAWS,
-                    brief=True,
-                ).probability
-                for display, omega in displays
-            ]
-            verdict = ChangedVerdict(
-                environment=environment,
-                coupled=coupled,
-                probability=tuple(probabilities),
-                outcome=tuple(judge(probability, decision) for probability in probabilities),
-                rendered=tuple(rendered),
-            )
-            verdicts.append(verdict)
+    for environment, coupled in setup.displays():
+        if environment not in whose.draws:
+            continue
+        rendered = []
+        for varied in setups:
+            display = varied.display(environment, coupled=coupled)
+            found = can_render(varied.loop, display.environment, coupling=display.coupling)
+            rendered.append(found.verdict == "can")
+        if not any(rendered):
+            continue
+        users = whose.draws[environment]
+        probabilities = [
+            evidence_of(
+                varied, environment, users, scene, coupled=coupled, draws=MAP_DRAWS, brief=True
+            ).probability
+            for varied in setups
+        ]
+        verdict = ChangedVerdict(
+            environment=environment,
+            coupled=coupled,
+            probability=tuple(probabilities),
+            outcome=tuple(judge(one, scene.inference.decision) for one in probabilities),
+            rendered=tuple(rendered),
+        )
+        verdicts.append(verdict)
     return OtherDevices(
         mass=tuple(float(other.mass) for other in devices),
         damping=tuple(float(other.damping) for other in devices),

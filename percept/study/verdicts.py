@@ -10,24 +10,23 @@ from __future__ import annotations
 import bisect
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import PurePath
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from scipy import special
 
-from percept.boundary.confidence import PARTS, Confidence, confidence, fiducial_users
+from percept.boundary.confidence import PARTS, Subjects, confidence, fiducial_users
 from percept.boundary.feels_real import CENTRALS, Evidence, feels_real, search_grid
-from percept.boundary.shares import Users, score_of
+from percept.boundary.shares import LEAST, STIFFNESS, Users, score_of
 from percept.errors import RefusalError
 from percept.haptics import TabulatedDevice
 from percept.haptics.perceived import Display
-from percept.inference.classical.moments import Moments
 from percept.inference.record import Family, Method
 from percept.results import (
     CentralProbability,
-    Confidences,
     Leaning,
     MoreSubjects,
     Note,
@@ -56,8 +55,6 @@ MOST_DRAWS = 4096
 #: Half a resonance's relative width per relative SD of k (omega goes with its root), and the least.
 _HALF_WIDTH_PER_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
-#: A mean of zero counts as this when an SD is put in proportion to it.
-_LEAST_MEAN = 1e-300
 #: Probability with which the wanted number decides; as in plans of interval widths.
 ASSURANCE = 0.8
 #: Further subjects beyond which no number is given.
@@ -65,21 +62,6 @@ _MOST_MORE = 1_000
 #: Distances beyond so many SDs are not told apart: a few subjects decide on all of them.
 _FARTHEST = 10.0
 _PARAMETERS = ("k", "b")
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Subjects:
-    """What the classical method knows of the users of one environment."""
-
-    family: Family
-    stiffness: Moments  # On the family's scale
-    damping: Moments
-    users: Users | None  # Fiducial draws; None where subjects give no joint law
-
-    @property
-    def log(self) -> bool:
-        """Whether users scatter by ratios."""
-        return self.family == "lognormal"
 
 
 def subjects_of(data: Data, pairs: Sequence[SubjectPairs]) -> dict[str, Subjects]:
@@ -173,11 +155,37 @@ def frequencies(setup: Setup, environment: str, relative_sd: float, scene: Scene
 
 def relative_sd(users: Users) -> float:
     """Return the typical SD of stiffness between users, relative to its mean."""
-    return _relative(float(np.median(users.mean[0])), float(np.median(users.sd[0])), log=users.log)
+    typical = users.typical()
+    sd = float(typical.sd[STIFFNESS, 0])
+    return sd if users.log else sd / max(abs(float(typical.mean[STIFFNESS, 0])), LEAST)
 
 
-def _relative(mean: float, sd: float, *, log: bool) -> float:
-    return sd if log else sd / max(abs(mean), _LEAST_MEAN)
+def evidence_of(
+    setup: Setup,
+    environment: str,
+    users: Users,
+    scene: Scene,
+    *,
+    coupled: bool,
+    spread: float | None = None,
+    **options: Any,
+) -> Evidence:
+    """Judge a reference under draws of the users, each on a draw of the device where it has some.
+
+    `spread` is their relative SD of stiffness, if not that of the draws. Options go to
+    `feels_real`.
+    """
+    if setup.draws is not None:
+        which = np.arange(users.size) % np.size(setup.draws.mass)
+        setup = setup.with_device(setup.draws.select(which))
+    return feels_real(
+        setup.display(environment, coupled=coupled),
+        users,
+        frequencies(setup, environment, spread or relative_sd(users), scene),
+        central=scene.verdict.central,
+        decision=scene.inference.decision,
+        **options,
+    )
 
 
 def study_verdicts(
@@ -191,57 +199,69 @@ def study_verdicts(
 ) -> Iterator[Verdict]:
     """Judge every reference, directly and through the coupling, at every ω of the scene's range.
 
-    `stable` says what can be rendered, `weights` (D, N) weigh the first draws without each subject.
+    `stable` says by environment, and whether through the coupling, if it can be rendered. `weights`
+    are those of the users' draws without each subject, (D, N), where they are known. The Bayesian
+    outcome leads where there is one.
     """
-    for environment in setup.references:
+    central = scene.verdict.central
+    decision = scene.inference.decision
+    at_point = dataclasses.replace(setup, draws=None)
+    for environment, coupled in setup.displays():
+        display = setup.display(environment, coupled=coupled)
         of_users = users.get(environment)
         of_subjects = subjects.get(environment)
+        count = 0 if of_subjects is None else int(of_subjects.stiffness.n)
+        likely = bayesian = classical = stable_and_real = None
+        without_each: list[float] = []
         if of_users is not None:
-            spread = relative_sd(of_users)
-        elif of_subjects is not None:
-            moments = of_subjects.stiffness
-            spread = _relative(float(moments.mean), float(moments.sd), log=of_subjects.log)
-        else:
-            continue
-        omega = frequencies(setup, environment, spread, scene)
-        for coupled in (False, True) if setup.coupling is not None else (False,):
-            display = setup.display(environment, coupled=coupled)
-            evidence = stable_and_real = by_part = fiducial = None
-            without_each: list[float] = []
-            if of_users is not None:
-                evidence = _by_posterior(setup, environment, of_users, scene, coupled=coupled)
-                is_stable = stable.get((environment, coupled))
-                stable_and_real = _stable_and_real(setup, display, evidence, stable=is_stable)
-                if environment in weights:
-                    by_draw = weights[environment][: evidence.draws]
-                    real = evidence.real[: len(by_draw)]
-                    without_each = (real @ by_draw / by_draw.sum(axis=0)).tolist()
-            if of_subjects is not None and scene.inference.method != "bayesian":
-                by_part, fiducial = _by_subjects(of_subjects, display, omega, scene)
-            if evidence is not None or by_part is not None:
-                verdict = _verdict(environment, of_subjects, evidence, by_part, fiducial, scene)
-                yield dataclasses.replace(
-                    verdict,
-                    coupled=coupled,
-                    stable_and_real=stable_and_real,
-                    without=tuple(map(known, without_each)),
+            likely = evidence_of(setup, environment, of_users, scene, coupled=coupled)
+            bayesian = _reported(likely, decision, count)
+            is_stable = stable.get((environment, coupled))
+            stable_and_real = _stable_and_real(setup, display, likely, stable=is_stable)
+            if environment in weights:
+                by_draw = weights[environment][: likely.draws]
+                without_each = (likely.real @ by_draw / by_draw.sum(axis=0)).tolist()
+        if of_subjects is not None and scene.inference.method != "bayesian":
+            fiducial = None
+            if of_subjects.users is not None:
+                spread = of_subjects.relative_sd if of_users is None else relative_sd(of_users)
+                fiducial = evidence_of(
+                    at_point, environment, of_subjects.users, scene, coupled=coupled, spread=spread
                 )
-
-
-def _by_posterior(
-    setup: Setup, environment: str, users: Users, scene: Scene, *, coupled: bool
-) -> Evidence:
-    """Judge draws of the users, each on a draw of the device."""
-    if setup.draws is not None:
-        which = np.arange(users.size) % np.size(setup.draws.mass)
-        setup = setup.with_device(setup.draws.select(which))
-    return feels_real(
-        setup.display(environment, coupled=coupled),
-        users,
-        frequencies(setup, environment, relative_sd(users), scene),
-        central=scene.verdict.central,
-        decision=scene.inference.decision,
-    )
+            likely = likely or fiducial
+            # Subjects who do not scatter show nothing.
+            with suppress(RefusalError):
+                within = scene.frequency.lower, scene.frequency.upper
+                classical = confidence(
+                    display,
+                    of_subjects,
+                    within,
+                    central=central,
+                    decision=decision,
+                    likely=fiducial,
+                )
+        leading = bayesian or classical
+        if leading is None:
+            continue
+        more = None
+        outcomes = {row.outcome for row in (bayesian, classical) if row}
+        if classical is not None and likely is not None and outcomes == {"too little data"}:
+            more = more_subjects(likely.scores, count, central=central, decision=decision)
+        yield Verdict(
+            environment=environment,
+            coupled=coupled,
+            central=central,
+            decision=decision,
+            subjects=count,
+            outcome=leading.outcome,
+            method="classical" if bayesian is None else "bayesian",
+            probability=getattr(leading, "probability" if bayesian else "least"),
+            bayesian=bayesian,
+            classical=classical,
+            stable_and_real=stable_and_real,
+            more=more,
+            without=tuple(map(known, without_each)),
+        )
 
 
 def _stable_and_real(
@@ -258,67 +278,6 @@ def _stable_and_real(
     judged = min(margins.size, evidence.draws)
     stable_and_real = evidence.real[:judged] & (margins[:judged] > 1.0)
     return float(stable_and_real.mean())
-
-
-def _by_subjects(
-    subjects: Subjects, display: Display, omega: Array, scene: Scene
-) -> tuple[Confidence | None, Evidence | None]:
-    """Judge by the subjects, and by fiducial draws of users; None where subjects do not scatter."""
-    central = scene.verdict.central
-    fiducial = None
-    if subjects.users is not None:
-        decision = scene.inference.decision
-        fiducial = feels_real(display, subjects.users, omega, central=central, decision=decision)
-    moments = subjects.stiffness, subjects.damping
-    try:
-        by_part = confidence(
-            display, *moments, omega, central=central, log=subjects.log, magnitude=fiducial
-        )
-    except RefusalError:
-        return None, fiducial
-    return by_part, fiducial
-
-
-def _verdict(
-    environment: str,
-    subjects: Subjects | None,
-    evidence: Evidence | None,
-    by_part: Confidence | None,
-    fiducial: Evidence | None,
-    scene: Scene,
-) -> Verdict:
-    """Put the evidence of both methods together; the Bayesian outcome leads where there is one."""
-    central = scene.verdict.central
-    decision = scene.inference.decision
-    count = 0 if subjects is None else int(subjects.stiffness.n)
-    bayesian = None if evidence is None else _reported(evidence, decision, count)
-    classical = None
-    if by_part is not None and subjects is not None:
-        classical = _confidences(by_part, subjects.family, decision)
-    if bayesian is not None:
-        outcome, probability = bayesian.outcome, bayesian.probability
-    else:
-        assert classical is not None
-        outcome, probability = classical.outcome, classical.least
-    more = None
-    drawn = evidence or fiducial
-    outcomes = {row.outcome for row in (bayesian, classical) if row}
-    if classical is not None and drawn is not None and outcomes == {"too little data"}:
-        more = more_subjects(drawn.scores, count, central=central, decision=decision)
-    return Verdict(
-        environment=environment,
-        coupled=False,
-        central=central,
-        decision=decision,
-        subjects=count,
-        outcome=outcome,
-        method="classical" if bayesian is None else "bayesian",
-        probability=probability,
-        bayesian=bayesian,
-        classical=classical,
-        stable_and_real=None,
-        more=more,
-    )
 
 
 def more_subjects(scores: Array, subjects: int, *, central: float, decision: float) -> MoreSubjects:
@@ -378,21 +337,6 @@ def _reported(evidence: Evidence, decision: float, subjects: int) -> PosteriorEv
         by_central=tuple(CentralProbability(*pair) for pair in by_central),
         lowest=evidence.lowest,
         lowest_omega=evidence.lowest_omega,
-    )
-
-
-def _confidences(by_part: Confidence, family: Family, decision: float) -> Confidences:
-    """Make a record of the classical evidence."""
-    return Confidences(
-        outcome=by_part.verdict(decision),
-        family=family,
-        least=min(by_part.parts),
-        stiffness=by_part.stiffness,
-        damping=by_part.damping,
-        magnitude=by_part.magnitude,
-        magnitude_omega=by_part.magnitude_omega,
-        together=by_part.together,
-        together_error=by_part.together_error,
     )
 
 

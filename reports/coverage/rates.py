@@ -19,7 +19,7 @@ from scipy import special
 from scipy.optimize import brentq
 
 from percept import Scene, Sessions, Study
-from percept.boundary.confidence import Confidence, confidence, fiducial_users
+from percept.boundary.confidence import Subjects, confidence, fiducial_users, outcome_of
 from percept.boundary.feels_real import feels_real, search_grid, search_scores
 from percept.boundary.shares import Users
 from percept.checkpoint import Checkpoint, Line
@@ -99,7 +99,7 @@ def part_rates(n: int, place: str, studies: int) -> tuple[float, float, float]:
         scores = np.tile([PLACES[place] * EDGE, 0.0], (len(values), 1))
         parts = np.asarray(central_range_confidence(scores, users, central=LEVEL))
         for stiffness, damping in parts.tolist():
-            outcomes.append(Confidence(stiffness, damping, n).verdict(DECISION))
+            outcomes.append(outcome_of(stiffness, damping, None, subjects=n, decision=DECISION))
     return rates_of(outcomes)
 
 
@@ -142,12 +142,12 @@ def magnitude_study(n: int, place: str, index: int) -> Line:
     users = fiducial_users(values, log=True, rng=rng)
     assert users is not None
     likely = feels_real(display, users, omega, central=LEVEL, decision=DECISION)
-    stiffness, damping = map(Moments.from_values, values.T)
+    subjects = Subjects("lognormal", *map(Moments.from_values, values.T), users)
     found = confidence(
-        display, stiffness, damping, omega, central=LEVEL, log=True, magnitude=likely
+        display, subjects, (0.1, 100.0), central=LEVEL, decision=DECISION, likely=likely
     )
-    alone = Confidence(likely.lowest, likely.lowest, n)
-    return {"magnitude": alone.verdict(DECISION), "all": found.verdict(DECISION)}
+    alone = outcome_of(likely.lowest, likely.lowest, None, subjects=n, decision=DECISION)
+    return {"magnitude": alone, "all": found.outcome}
 
 
 def bayesian_study(n: int, index: int) -> Line:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.boundary.confidence import Confidence, confidence, fiducial_users
+from percept.boundary.confidence import Subjects, confidence, fiducial_users, outcome_of
 from percept.boundary.feels_real import feels_real, search_grid
 from percept.errors import RefusalError
 from percept.haptics import Coupling, Device, Environment, Loop
@@ -30,13 +30,17 @@ def subjects(n, *, bias=(0.0, 0.0), seed=1):
     return np.log([500.0, 2.0]) + SDS * (np.array(bias) + rng.standard_normal((n, 2)))
 
 
-def judged(values, display=DISPLAY):
-    users = fiducial_users(values, log=True, rng=np.random.default_rng(1))
-    likely = None
+def judged(values, display=DISPLAY, *, with_magnitude=True):
+    users = likely = None
+    if with_magnitude:
+        users = fiducial_users(values, log=True, rng=np.random.default_rng(1))
     if users is not None:
         likely = feels_real(display, users, OMEGA, central=LEVEL, decision=DECISION)
     moments = [Moments.from_values(column) for column in values.T]
-    return confidence(display, *moments, OMEGA, central=LEVEL, log=True, magnitude=likely)
+    of_subjects = Subjects("lognormal", *moments, users)
+    return confidence(
+        display, of_subjects, (0.1, 100.0), central=LEVEL, decision=DECISION, likely=likely
+    )
 
 
 def test_stiffness_and_damping_are_those_of_the_noncentral_t():
@@ -61,36 +65,40 @@ def test_two_subjects_have_no_verdict_of_the_magnitude():
     found = judged(subjects(2))
     assert found.magnitude is None
     assert found.together is None
-    assert found.parts == (found.stiffness, found.damping)
+    assert found.least == min(found.stiffness, found.damping)
 
 
 def test_subjects_about_the_wall_decide_and_few_do_not():
-    assert judged(subjects(60)).verdict(DECISION) == "feels real"
-    assert judged(subjects(60, bias=(4.0, 0.0))).verdict(DECISION) == "does not"
-    assert judged(subjects(3)).verdict(DECISION) == "too little data"
+    assert judged(subjects(60)).outcome == "feels real"
+    assert judged(subjects(60, bias=(4.0, 0.0))).outcome == "does not"
+    assert judged(subjects(3)).outcome == "too little data"
 
 
 def test_no_lognormal_user_feels_an_undamped_wall():
     undamped = dataclasses.replace(DISPLAY, environment=Environment(500.0, 0.0))
     found = judged(subjects(20), undamped)
     assert found.damping == 0.0
-    assert found.verdict(DECISION) == "does not"
+    assert found.outcome == "does not"
 
 
-def test_thresholds():
-    sure = Confidence(0.96, 0.97, subjects=6, magnitude=0.95)
-    assert sure.verdict(DECISION) == "feels real"
-    assert dataclasses.replace(sure, damping=0.94).verdict(DECISION) == "too little data"
-    assert dataclasses.replace(sure, damping=0.016).verdict(DECISION) == "does not"
-    assert dataclasses.replace(sure, damping=0.018).verdict(DECISION) == "too little data"
-    # Damping that passes the mean user over omega is two tests.
-    twice = dataclasses.replace(sure, damping=0.016, damping_tests=2)
-    assert twice.verdict(DECISION) == "too little data"
-    assert dataclasses.replace(twice, damping=0.008).verdict(DECISION) == "does not"
-    # abs(Z_h) alone never says it of fewer than six subjects.
-    far = dataclasses.replace(sure, magnitude=0.001)
-    assert far.verdict(DECISION) == "does not"
-    assert dataclasses.replace(far, subjects=5).verdict(DECISION) == "too little data"
+@pytest.mark.parametrize(
+    ("parts", "subjects", "tests", "outcome"),
+    [
+        ((0.96, 0.97, 0.95), 6, (1, 1), "feels real"),
+        ((0.96, 0.94, 0.95), 6, (1, 1), "too little data"),
+        ((0.96, 0.016, 0.95), 6, (1, 1), "does not"),
+        ((0.96, 0.018, 0.95), 6, (1, 1), "too little data"),
+        # Damping that passes the mean user over omega is two tests.
+        ((0.96, 0.016, 0.95), 6, (1, 2), "too little data"),
+        ((0.96, 0.008, 0.95), 6, (1, 2), "does not"),
+        # abs(Z_h) alone never says it of fewer than six subjects.
+        ((0.96, 0.97, 0.001), 6, (1, 1), "does not"),
+        ((0.96, 0.97, 0.001), 5, (1, 1), "too little data"),
+    ],
+)
+def test_thresholds(parts, subjects, tests, outcome):
+    found = outcome_of(*parts, subjects=subjects, decision=DECISION, tests=tests)
+    assert found == outcome
 
 
 def test_equal_subjects_are_refused():
@@ -103,9 +111,7 @@ def said(display, centre, sd, n, studies):
     rng = np.random.default_rng(n)
     verdicts = []
     for values in centre + sd * rng.standard_normal((studies, n, 2)):
-        moments = [Moments.from_values(column) for column in values.T]
-        found = confidence(display, *moments, OMEGA, central=LEVEL, log=True)
-        verdicts.append(found.verdict(DECISION))
+        verdicts.append(judged(values, display, with_magnitude=False).outcome)
     return [verdicts.count(verdict) / studies for verdict in ("feels real", "does not")]
 
 
