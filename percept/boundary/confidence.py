@@ -54,7 +54,7 @@ class Subjects:
 def outcome_of(
     stiffness: float,
     damping: float,
-    magnitude: float | None,
+    magnitude: float | None = None,
     *,
     subjects: int,
     decision: float,

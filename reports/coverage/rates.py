@@ -98,8 +98,8 @@ def part_rates(n: int, place: str, studies: int) -> tuple[float, float, float]:
         users = Moments(values.mean(axis=1), values.std(axis=1, ddof=1), n)
         scores = np.tile([PLACES[place] * EDGE, 0.0], (len(values), 1))
         parts = np.asarray(central_range_confidence(scores, users, central=LEVEL))
-        for stiffness, damping in parts.tolist():
-            outcomes.append(outcome_of(stiffness, damping, None, subjects=n, decision=DECISION))
+        for pair in parts.tolist():
+            outcomes.append(outcome_of(*pair, subjects=n, decision=DECISION))
     return rates_of(outcomes)
 
 
@@ -146,7 +146,7 @@ def magnitude_study(n: int, place: str, index: int) -> Line:
     found = confidence(
         display, subjects, (0.1, 100.0), central=LEVEL, decision=DECISION, likely=likely
     )
-    alone = outcome_of(likely.lowest, likely.lowest, None, subjects=n, decision=DECISION)
+    alone = outcome_of(likely.lowest, likely.lowest, subjects=n, decision=DECISION)
     return {"magnitude": alone, "all": found.outcome}
 
 
