@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from percept import haptics
+from percept.boundary.confidence import Subjects
 from percept.boundary.shares import Users
 from percept.errors import RefusalError, counted
 from percept.haptics.records import AnyDevice
@@ -54,7 +55,6 @@ from percept.study.regions import (
 from percept.study.rendering import study_rendering, study_zwidth
 from percept.study.verdicts import (
     MapUsers,
-    Subjects,
     leaning_on_slips,
     posterior_users,
     study_verdicts,

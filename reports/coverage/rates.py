@@ -122,7 +122,7 @@ def searched(display: Display, sd: float) -> Array:
 
 def margin(display: Display, users: Users) -> float:
     """Return the smallest margin of abs(Z_h) over the range, SDs of known users."""
-    omega = searched(display, float(users.sd[0, 0]))
+    omega = searched(display, users.sd[0, 0])
     return EDGE - float(search_scores(display, users, omega, np.array([EDGE])).largest[0])
 
 
@@ -138,15 +138,16 @@ def magnitude_study(n: int, place: str, index: int) -> Line:
     rng = np.random.default_rng([n, round(10 * PLACES[place]), index])
     values = CENTRE + SDS * rng.standard_normal((n, 2))
     display = display_at(PLACES[place] * edge_score())
-    omega = searched(display, float(SDS[0]))
+    omega = searched(display, SDS[0])
     users = fiducial_users(values, log=True, rng=rng)
     assert users is not None
     likely = feels_real(display, users, omega, central=LEVEL, decision=DECISION)
-    subjects = Subjects("lognormal", *map(Moments.from_values, values.T), users)
+    stiffness, damping = map(Moments.from_values, values.T)
+    subjects = Subjects("lognormal", stiffness, damping, users)
     found = confidence(
         display, subjects, (0.1, 100.0), central=LEVEL, decision=DECISION, likely=likely
     )
-    alone = outcome_of(likely.lowest, likely.lowest, subjects=n, decision=DECISION)
+    alone = outcome_of(likely.lowest, 1.0, subjects=n, decision=DECISION)
     return {"magnitude": alone, "all": found.outcome}
 
 
