@@ -34,6 +34,8 @@ from percept.inference.model.blocks import (
 from percept.inference.model.scales import CellScales
 
 Array = NDArray[np.float64]
+#: Few groups of combinations weigh few environments and cells, whose columns alone are worked out.
+_GROUPS_AT_ONCE = 16
 #: From weights (L, R) to columns (W, L, K).
 Columns = Callable[[Array], Array]
 
@@ -92,12 +94,11 @@ class Eliminated:
 
         Their products sum to the covariance.
         """
-        whitened = solve_lower(self._factor[:, :, :, None], weights)
-        by_blocks = np.einsum("kcbw,kblw->clw", self._explained, whitened)
+        is_weighed = weights.any(axis=(0, 2, 3))
+        whitened = solve_lower(self._factor[:, :, is_weighed, None], weights[:, is_weighed])
+        by_blocks = np.einsum("kcbw,kblw->clw", self._explained[:, :, is_weighed], whitened)
         columns = self.columns_of_others(of_others - by_blocks)
-        return np.concatenate(
-            [whitened.reshape(whitened[..., 0, 0].size, *columns.shape[1:]), columns]
-        )
+        return np.concatenate([whitened.reshape(-1, *columns.shape[1:]), columns])
 
 
 def eliminate(
@@ -338,29 +339,14 @@ class Law:
 
     def user_sd(self, weights: Array) -> Array:
         """SDs (W, L) of combinations of one user about the locations'; nothing is solved for."""
-        columns = self.user_columns(weights)
-        return np.sqrt(np.einsum("wlk,wlk->wl", columns, columns))
-
-    def moments(self, weights: Array) -> Moments:
-        """Laws of combinations (L, R), each by itself."""
-        columns = self.columns(weights)
-        sd = np.sqrt(np.einsum("wlk,wlk->wl", columns, columns))
-        return Moments(self.mean @ weights.T, sd, self.user_sd(weights))
+        return np.sqrt(_covariances(self.user_columns, weights[:, None])[..., 0, 0])
 
     def joint(self, weights: Array) -> Joint:
         """Joint laws of groups of combinations, (groups, n, R)."""
-        groups, count, _ = weights.shape
-        flat = weights.reshape(groups * count, -1)
-        columns = self.columns(flat)
-        of_users = self.user_columns(flat)
-        width = len(columns)
-        by_group = columns.reshape(width, groups, count, -1)
-        of_users = of_users.reshape(width, groups, count, -1)
-        mean = self.mean @ flat.T
         return Joint(
-            mean=mean.reshape(width, groups, count),
-            location=by_group @ by_group.swapaxes(2, 3),
-            users=of_users @ of_users.swapaxes(2, 3),
+            mean=np.tensordot(self.mean, weights, axes=(1, 2)),
+            location=_covariances(self.columns, weights),
+            users=_covariances(self.user_columns, weights),
         )
 
     def draw(
@@ -380,11 +366,25 @@ class Law:
         return locations, locations + np.einsum("wlk,rwk->rwl", of_users, normals)
 
 
+def _covariances(columns: Columns, weights: Array) -> Array:
+    """Covariances (W, groups, n, n) of groups of combinations (groups, n, R)."""
+    covariances = []
+    for start in range(0, len(weights), _GROUPS_AT_ONCE):
+        some = weights[start : start + _GROUPS_AT_ONCE]
+        of_some = columns(some.reshape(-1, some.shape[-1]))
+        by_group = of_some.reshape(len(of_some), *some.shape[:2], -1)
+        covariances.append(by_group @ by_group.swapaxes(2, 3))
+    return np.concatenate(covariances, axis=1)
+
+
 def user_columns(scales: CellScales, weights: Array) -> Array:
     """Columns (W, L, K) of one user about the locations, in combinations with weights (L, R)."""
     _, quantities, cells, _ = scales.effects.shape
     of_cells = weights[:, : quantities * cells].reshape(-1, quantities, cells)
-    columns = [np.einsum("lpc,qpcw->wlq", of_cells, scales.effects)]
+    is_weighed = of_cells.any(axis=(0, 1))
+    of_cells = of_cells[..., is_weighed]
+    columns = [np.einsum("lpc,qpcw->wlq", of_cells, scales.effects[:, :, is_weighed])]
     for parts in scales.between.factor_columns():
-        columns.append(np.einsum("lpc,pcw->wlc", of_cells, np.stack(parts)))
+        of_weighed = np.stack(parts)[:, is_weighed]
+        columns.append(np.einsum("lpc,pcw->wlc", of_cells, of_weighed))
     return np.concatenate(columns, axis=2)

@@ -84,7 +84,7 @@ class Model(ABC):
     def moments(self, points: Array, rows: Array | None = None) -> Moments:
         """Laws of combinations, each by itself."""
         weights = self.cell_rows if rows is None else rows
-        return joined([self.law(part).moments(weights) for part in self.passes(points)])
+        return self.joint(points, weights[:, None]).moments()
 
     def user_sds(self, points: Array, rows: Array) -> Array:
         """SDs of one user's combinations about the locations', (W, L)."""
