@@ -57,18 +57,8 @@ _LEAST_LEVEL = 1e-6
 Level = Annotated[Probability, Field(ge=_LEAST_LEVEL)]
 
 
-def _majority(value: float) -> float:
-    if not 0.5 < value < 1.0:
-        raise ValueError("must lie between 0.5 and 1, exclusive")
-    return value
-
-
 #: Below one half "feels real" and "does not" could both hold.
-Decision = Annotated[
-    float,
-    Field(strict=True, json_schema_extra={"exclusiveMinimum": 0.5, "exclusiveMaximum": 1}),
-    AfterValidator(_majority),
-]
+Decision = Annotated[float, Field(strict=True, gt=0.5, lt=1.0)]
 Kind = Literal["mean", "user", "share"]
 # At Nyquist itself a sampled mass has no finite impedance. Written with fewer digits it may come
 # out below.
@@ -186,15 +176,11 @@ class ModelTable(Table):
         return priors
 
     @model_validator(mode="after")
-    def _terms(self) -> Self:
+    def _consistent(self) -> Self:
         for key in ("bias", "spread", "precision"):
             formula = getattr(self, key)
             if formula is not None:
                 terms_of(formula, key=key)
-        return self
-
-    @model_validator(mode="after")
-    def _pooling_and_prior(self) -> Self:
         if (self.pooling == "none") != (self.prior == "reference"):
             raise ValueError('pooling = "none" and prior = "reference" go together')
         if self.pooling == "none" and self.resolution:

@@ -118,7 +118,7 @@ class DeviceTable(Table):
     posterior: DevicePosteriorTable | None = None
 
     @model_validator(mode="after")
-    def _one_description(self) -> Self:
+    def _consistent(self) -> Self:
         if self.response is None and (self.mass is None or self.damping is None):
             raise ValueError("give mass and damping, or response")
         if self.response is None and self.response_floor is not None:
@@ -130,22 +130,34 @@ class DeviceTable(Table):
                 "a measured response holds mass, damping, stiffness and modes:"
                 " give one or the other"
             )
+        if self.posterior is not None:
+            self._require_parameters(self.posterior)
+        if self.delay is not None and self.delay_seconds is not None:
+            raise ValueError("give delay in samples or delay_seconds, not both")
+        if self.delay_in_samples > _LONGEST_DELAY:
+            raise ValueError(
+                f"a delay of {self.delay_in_samples:g} samples is above {_LONGEST_DELAY:g}:"
+                " delay counts samples, delay_seconds is in s"
+            )
+        wanted = self.velocity_filter
+        if wanted is not None and not wanted.cutoff * self.period < math.pi:
+            raise ValueError(
+                f"velocity_filter.cutoff, {wanted.cutoff:g} rad/s, must lie below the Nyquist"
+                f" frequency, {math.pi / self.period:.6g} rad/s"
+            )
         return self
 
-    @model_validator(mode="after")
-    def _posterior_of_parameters(self) -> Self:
-        if self.posterior is None:
-            return self
+    def _require_parameters(self, posterior: DevicePosteriorTable) -> None:
+        """Refuse a posterior of what the device does not have."""
         if self.response is not None:
             raise ValueError("a measured response has no posterior")
         values = self.parameters
-        for name in self.posterior.parameters:
+        for name in posterior.parameters:
             if name not in values:
                 known = ", ".join(values)
                 raise ValueError(f"posterior names {name!r}; the device has {known}")
-            if self.posterior.covariance is not None and not values[name]:
+            if posterior.covariance is not None and not values[name]:
                 raise ValueError(f"{name} is zero, which has no logarithm")
-        return self
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -154,31 +166,9 @@ class DeviceTable(Table):
             return {}
         values = {"mass": self.mass, "damping": self.damping, "stiffness": self.stiffness}
         for number, mode in enumerate(self.modes, start=1):
-            values[f"mode {number} mass"] = mode.mass
-            values[f"mode {number} stiffness"] = mode.stiffness
-            values[f"mode {number} damping"] = mode.damping
+            for name, value in mode:
+                values[f"mode {number} {name}"] = value
         return values
-
-    @model_validator(mode="after")
-    def _one_delay(self) -> Self:
-        if self.delay is not None and self.delay_seconds is not None:
-            raise ValueError("give delay in samples or delay_seconds, not both")
-        if self.delay_in_samples > _LONGEST_DELAY:
-            raise ValueError(
-                f"a delay of {self.delay_in_samples:g} samples is above {_LONGEST_DELAY:g}:"
-                " delay counts samples, delay_seconds is in s"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _cutoff_below_nyquist(self) -> Self:
-        wanted = self.velocity_filter
-        if wanted is not None and not wanted.cutoff * self.period < math.pi:
-            raise ValueError(
-                f"velocity_filter.cutoff, {wanted.cutoff:g} rad/s, must lie below the Nyquist"
-                f" frequency, {math.pi / self.period:.6g} rad/s"
-            )
-        return self
 
     @property
     def delay_in_samples(self) -> float:

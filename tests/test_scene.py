@@ -64,11 +64,11 @@ from percept.sessions import ReadOptions
         ),
         (
             "[inference]\ndecision = 0.5\n",
-            "inference.decision = 0.5: must lie between 0.5 and 1, exclusive.",
+            "inference.decision = 0.5: must be above 0.5.",
         ),
         (
             "[inference]\ndecision = 1.0\n",
-            "inference.decision = 1.0: must lie between 0.5 and 1, exclusive.",
+            "inference.decision = 1.0: must be below 1.",
         ),
         (
             '[inference]\nfamily = "log"\n',

@@ -199,7 +199,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     show("\n".join(["", *_feelings(study)]))
     if study.band_pairs:
         head = f"Boundaries in pairs, Bayesian against classical, {claim}. {_LEGEND}"
-        print_table([pair.flat() for pair in study.band_pairs], head=head)
+        print_table(study.band_pairs, head=head)
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
     show("\n".join(ladder.notes))
     kind = asked.kinds[0]

@@ -119,12 +119,12 @@ def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
     words = results.data.words
     columns: Columns = {
         capitalised(words.environment): of("environment"),
-        "shift, largest": of("place.largest", style="bias"),
-        "at ω (rad/s)": of("place.omega", 3),
-        "shift, median": of("place.median", style="bias"),
-        "width ratio, farthest": of("width.largest", 3, "ratio"),
-        "at ω, rad/s": of("width.omega", 3),
-        "width ratio, median": of("width.median", 3, "ratio"),
+        "shift, largest": of("place", style="bias"),
+        "at ω (rad/s)": of("place_omega", 3),
+        "shift, median": of("place_median", style="bias"),
+        "width ratio, farthest": of("width", 3, "ratio"),
+        "at ω, rad/s": of("width_omega", 3),
+        "width ratio, median": of("width_median", 3, "ratio"),
     }
     whom = f"The next {words.user}’s"
     caption = f"{whom} Bayesian boundary against the classical one. Shift: of the middle."

@@ -50,7 +50,6 @@ from percept.results.display import (
 )
 from percept.results.intervals import (
     AnovaRow,
-    BandDifference,
     BandPair,
     ContrastRow,
     Equivalence,
@@ -83,7 +82,6 @@ __all__ = [
     "AnovaRow",
     "Array",
     "Band",
-    "BandDifference",
     "BandLaw",
     "BandPair",
     "BandRow",

@@ -137,15 +137,6 @@ class MethodPair(NotebookRecord):
     shift: float | None  # Bayesian estimate over the classical one, less one; else less the other
 
 
-@dataclasses.dataclass(frozen=True)
-class BandDifference:
-    """One measure of how two bands of abs(Z_h) differ over omega."""
-
-    largest: float  # In size
-    omega: float  # Where it is largest, rad/s
-    median: float  # Over log omega
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BandPair(NotebookRecord):
     """How a band of abs(Z_h) differs from another one: exact envelopes of one kind and family.
@@ -157,22 +148,12 @@ class BandPair(NotebookRecord):
     kind: Kind
     method: Method
     family: Family
-    place: BandDifference  # Its middle over that of the other one, less one
-    width: BandDifference  # Logarithm of its width over that of the other one
-
-    def flat(self) -> dict[str, str | float]:
-        """Return the fields as a row of a table."""
-        row: dict[str, str | float] = {
-            "environment": self.environment,
-            "kind": self.kind,
-            "method": self.method,
-            "family": self.family,
-        }
-        for name, difference in (("place", self.place), ("width", self.width)):
-            row[name] = difference.largest
-            row[f"{name}_omega"] = difference.omega
-            row[f"{name}_median"] = difference.median
-        return row
+    place: float  # Its middle over that of the other one, less one, where that is largest
+    place_omega: float  # Where that is, rad/s
+    place_median: float  # Over log omega
+    width: float  # Logarithm of its width over that of the other one, where that is largest
+    width_omega: float
+    width_median: float
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -69,6 +69,7 @@ _PLAIN_WORDS = {
     "bool_type": "must be true or false",
     "greater_than": "must be above {gt:g}",
     "greater_than_equal": "must be {ge:g} or more",
+    "less_than": "must be below {lt:g}",
     "less_than_equal": "must be {le:g} or less",
     "literal_error": "must be {expected}",
     "string_too_short": "must not be empty",

@@ -12,7 +12,7 @@ from percept.boundary.limits import Magnitude, MagnitudeLimits, SimultaneousScor
 from percept.boundary.shares import score_of
 from percept.errors import RefusalError, UsageError
 from percept.haptics.loop import log_grid
-from percept.results import BandDifference, BandPair, Boundary, Shape, Skipped
+from percept.results import BandPair, Boundary, Shape, Skipped
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array
 from percept.study.device import Setup
@@ -287,8 +287,8 @@ def band_pairs(
                 kind=band.kind,
                 method=band.method,
                 family=band.family,
-                place=_difference(band.omega, middles - 1.0),
-                width=_difference(band.omega, np.log(band.band / other.band)),
+                **_difference("place", band.omega, middles - 1.0),
+                **_difference("width", band.omega, np.log(band.band / other.band)),
             )
 
 
@@ -301,12 +301,16 @@ def _envelopes(boundaries: Collection[Boundary]) -> Iterator[Boundary]:
                 yield boundary
 
 
-def _difference(omega: Array, values: Array) -> BandDifference:
-    """Read how a measure of two bands goes over omega."""
+def _difference(name: str, omega: Array, values: Array) -> dict[str, float]:
+    """Return how a measure of two bands goes over omega, as fields of `BandPair`."""
     index = int(np.argmax(np.abs(values)))
     # The median is over log omega: grids are dense where curves bend.
     order = np.argsort(values)
     log_lengths = np.gradient(np.log(omega))[order]
     below = np.cumsum(log_lengths) - 0.5 * log_lengths
     median = float(np.interp(0.5 * log_lengths.sum(), below, values[order]))
-    return BandDifference(float(values[index]), float(omega[index]), median)
+    return {
+        name: float(values[index]),
+        f"{name}_omega": float(omega[index]),
+        f"{name}_median": median,
+    }

@@ -100,7 +100,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
     return PairComparison(
         _intervals(first, second),
         pd.DataFrame([row for row in found if not isinstance(row, str)]),
-        pd.DataFrame(pair.flat() for pair in _bands(first, second)),
+        pd.DataFrame(list(_bands(first, second))),
         tuple(notes),
     )
 
