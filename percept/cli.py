@@ -135,7 +135,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code: 0 done, 1 the analysis refuses, 2 wrong usage or unreadable input, 130
         interrupted, 141 nobody reads the output any more. SIGTERM ends the process with 143.
     """
-    _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A locale without ω or × is no reason to print nothing.
         sys.stdout.reconfigure(errors="backslashreplace")
@@ -150,8 +149,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with _tidy_at_sigterm():
             return _reported(words)
     except BrokenPipeError:
+        # What is left to be written goes nowhere.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
         for stream in (sys.stdout, sys.stderr):
-            _send_nowhere(stream.fileno())
+            os.dup2(nowhere, stream.fileno())
         return _UNREAD
 
 
@@ -168,26 +169,6 @@ def _tidy_at_sigterm() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _open_closed_streams() -> None:
-    """Send output nowhere where the caller closed it.
-
-    Python then has None for the stream, and the next file opened would get the stream's number,
-    and with it what a library prints.
-    """
-    for number, name in ((1, "stdout"), (2, "stderr")):
-        if getattr(sys, name) is None:
-            _send_nowhere(number)
-            setattr(sys, name, os.fdopen(number, "w", closefd=False))
-
-
-def _send_nowhere(number: int) -> None:
-    """Let a file descriptor take output and drop it."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    if nowhere != number:
-        os.dup2(nowhere, number)
-        os.close(nowhere)
-
-
 def _reported(words: list[str]) -> int:
     """Run a command; turn an error into a message on standard error and an exit code."""
     debug = "--debug" in words
@@ -198,7 +179,7 @@ def _reported(words: list[str]) -> int:
         # What a page names as the command that made it.
         parsed.typed = shlex.join(["percept", *words])
         code = parsed.run(parsed) or 0
-        sys.stdout.flush()
+        print(end="", flush=True)
         return code
     except PerceptError as error:
         if debug:

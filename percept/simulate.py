@@ -141,18 +141,10 @@ class TrueValues:
 
     def cov_users(self, decades: Array) -> Array:
         """Σ_u + x x'Σ_g + Σ_w, (J, P, P), of users at references of so many decades x, (J, P)."""
-        trends = _covariance(decades * self.hyper.sigma_trend, self.hyper.rho_trend)
-        return self.cov_u + trends + self.cov_w
-
-    @property
-    def cov_u(self) -> Array:
-        """Σ_u, (P, P)."""
-        return _covariance(self.hyper.sigma_u, self.hyper.rho_u)
-
-    @property
-    def cov_w(self) -> Array:
-        """Σ_w,j, (J, P, P)."""
-        return _covariance(self.sigma, self.hyper.rho_w)
+        hyper = self.hyper
+        own = _covariance(self.sigma, hyper.rho_w)
+        trends = _covariance(decades * hyper.sigma_trend, hyper.rho_trend)
+        return own + trends + _covariance(hyper.sigma_u, hyper.rho_u)
 
     @property
     def cov_e(self) -> Array:

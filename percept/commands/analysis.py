@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 import threading
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from percept.scene import Scene
     from percept.sessions import ReadOptions
     from percept.study import Study
-    from percept.study.fit import RunStore
     from percept.workers import Mapper
 
 
@@ -110,8 +109,22 @@ def open_study(
             print(
                 f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr
             )
-    study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
-    _require_zoomed(scene, study.sessions.environments)
+    store = None
+    if not arguments.no_cache and scene.inference.method != "classical":
+        from percept.cache import PosteriorCache, cache_folder
+
+        folder = cache_folder()
+        store = None if folder is None else PosteriorCache(folder)
+    study = Study(sessions, scene, progress=progress, store=store)
+    environments = study.sessions.environments
+    for name in scene.report.zoom:
+        if name not in environments:
+            raise UsageError(
+                f"no {scene.environment_noun[0]} has this name.{did_you_mean(name, environments)}",
+                key="report.zoom",
+                value=name,
+                hint=f"There are {', '.join(environments)}.",
+            )
     if scene.device is not None and scene.device.response:
         _ = study.device  # a table that cannot be read is refused before anything is sampled
     return study
@@ -124,27 +137,6 @@ def with_factor(study: Study, column: str) -> Study:
     words = study.scene.study.model_dump(exclude_none=True)
     scene = study.scene.with_tables(study=words | {"factor": column})
     return study.over(study.sessions, scene)
-
-
-def _require_zoomed(scene: Scene, environments: Collection[str]) -> None:
-    """Refuse a zoom window of an environment that the sessions do not have."""
-    for name in scene.report.zoom:
-        if name not in environments:
-            raise UsageError(
-                f"no {scene.environment_noun[0]} has this name.{did_you_mean(name, environments)}",
-                key="report.zoom",
-                value=name,
-                hint=f"There are {', '.join(environments)}.",
-            )
-
-
-def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
-    if arguments.no_cache or scene.inference.method == "classical":
-        return None
-    from percept.cache import PosteriorCache, cache_folder
-
-    folder = cache_folder()
-    return None if folder is None else PosteriorCache(folder)
 
 
 def show(text: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import re
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from percept import __version__
 from percept.commands import JSON, Command, argument, number
-from percept.commands.analysis import SESSIONS, Working, read_scene
+from percept.commands.analysis import SESSIONS, Working, print_json, read_scene
 from percept.errors import UsageError, counted
 from percept.files import write_whole
 
@@ -30,7 +29,7 @@ def _validate(arguments: argparse.Namespace) -> int:
     _, options = read_scene(arguments)
     found = validate(*arguments.sessions, options=options)
     if arguments.json:
-        print(json.dumps(found.to_dict(), ensure_ascii=False, indent=2, default=str))
+        print_json(found.to_dict())
     else:
         print(format_validation(found))
     return found.exit_code

@@ -198,13 +198,10 @@ def _eq10(coupling: Coupling) -> str:
         "Eq. 10 of the paper asks for absolute stability of two ports joined by velocities. It"
         " leaves out that sampled forces alias, and does not say what a sampled loop renders. For"
         f" the coupling of {coupling.stiffness:g} N/m and {coupling.damping:g} N·s/m it is"
-        f" {coupling.eq10}. It binds at {short(coupling.eq10_omega, 5)} rad/s, where the device has"
-        f" {percentage(coupling.eq10_margin)} of the damping asked for."
+        f" {coupling.eq10}. {coupling.eq10_reason}"
     )
     if coupling.required_damping is not None:
         said += f" A rigid device needs {short(coupling.required_damping, 5)} N·s/m."
-    if not coupling.eq10_reason.startswith("The smallest margin"):
-        said += f" {coupling.eq10_reason}"
     return said
 
 

@@ -50,8 +50,8 @@ _MODEL = {
     "rho_shape": "correlations of the quantities",
 }
 
-#: The key of a work, before it becomes a number.
-_KEY = re.compile(r"\[\w+\]")
+#: The key of a work, in square brackets.
+_KEY = re.compile(r"\[(\w+)\]")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,35 +66,33 @@ class Reference:
 
 def methods(results: Results, paragraph: str) -> Section:
     """Return paragraphs to paste, and the references."""
-    numbered = []
-    for rank, reference in enumerate(cited(results), start=1):
-        doi = reference.fields.get("doi")
-        numbered.append(f"[{rank}] {reference.text}" + (f" doi:{doi}" if doi else ""))
+    references = []
+    for work in cited(results):
+        doi = work.fields.get("doi")
+        references.append(f"[{work.key}] {work.text}" + (f" doi:{doi}" if doi else ""))
     return Section(
         "methods",
         "Results and methods",
         parts=[
             Section("results", "Results", [paragraph] if paragraph else [], form="paste"),
             Section("paragraph", "Methods", methods_paragraph(results), form="paste"),
-            Section("references", "References", numbered),
+            Section("references", "References", references),
         ],
         is_folded=True,
     )
 
 
 def methods_paragraph(results: Results) -> list[str]:
-    """Say how the results were obtained, sentence by sentence, in the past tense of a paper."""
-    ranks = {f"[{one.key}]": f"[{rank}]" for rank, one in enumerate(cited(results), start=1)}
+    """Say how the results were obtained, sentence by sentence, in the past tense of a paper.
+
+    Works are cited by their keys in references.bib.
+    """
     return [
-        _KEY.sub(lambda found: ranks.get(found[0], found[0]), sentence)
-        for sentence in _sentences(results)
+        who_gave_what(results),
+        *_fitted(results),
+        *_compared(results),
+        *_displayed(results),
     ]
-
-
-def _sentences(results: Results) -> list[str]:
-    """Return the sentences with the keys of works in square brackets."""
-    sentences = [who_gave_what(results), *_fitted(results), *_compared(results)]
-    return [sentence for sentence in [*sentences, *_displayed(results)] if sentence]
 
 
 def who_gave_what(results: Results) -> str:
@@ -145,16 +143,14 @@ def _repeats(results: Results) -> str:
     design = results.data.design
     if design is None:
         return ""
-    said = ", once each" if design.trials[1] == 1 else f", in {_span(design.trials)} trials each"
-    if design.sessions[1] > 1:
-        said += f" over {_span(design.sessions)} sessions"
+    trials = " to ".join(dict.fromkeys(map(str, design.trials)))
+    sessions = " to ".join(dict.fromkeys(map(str, design.sessions)))
+    said = ", once each" if trials == "1" else f", in {trials} trials each"
+    if sessions != "1":
+        said += f" over {sessions} sessions"
     if design.missing:
         said += f" ({design.missing} of {design.cells} cells are empty)"
     return said
-
-
-def _span(counts: tuple[int, int]) -> str:
-    return " to ".join(dict.fromkeys(map(str, counts)))
 
 
 def _fitted(results: Results) -> Iterator[str]:
@@ -311,8 +307,8 @@ def _references() -> tuple[Reference, ...]:
 
 def cited(results: Results) -> list[Reference]:
     """Return what the methods paragraph of results cites, in order."""
-    keys = dict.fromkeys(_KEY.findall(" ".join(_sentences(results))))
-    works = {f"[{reference.key}]": reference for reference in _references()}
+    keys = dict.fromkeys(_KEY.findall(" ".join(methods_paragraph(results))))
+    works = {reference.key: reference for reference in _references()}
     return [works[key] for key in keys if key in works]
 
 

@@ -84,7 +84,6 @@ def setting_sentences(results: Results) -> list[str]:
 def summary(results: Results, found: Findings) -> Section:
     """Return the first screen: decisions, the table of environments, cautions and a figure."""
     every = distinct(biases_of(results), "environment")
-    others = every[MOST_SHOWN:]
     gate = results.diagnostics.gate if results.diagnostics else None
     withheld = "The Bayesian numbers are withheld: the sampler did not pass its checks."
     return Section(
@@ -95,16 +94,7 @@ def summary(results: Results, found: Findings) -> Section:
             Section("decisions", "", found.sentences, form="list"),
             Section(
                 "environments",
-                tables=[
-                    _environments(results, every[:MOST_SHOWN], "overview"),
-                    centrals(results),
-                ],
-            ),
-            Section(
-                "others",
-                f"The other {len(others)} {results.data.words.environments}",
-                tables=[_environments(results, others, "overview_other")],
-                is_folded=True,
+                tables=[_environments(results, every), centrals(results)],
             ),
             Section("cautions", "Before you rely on it", found.cautions, form="warning"),
             Section("source", "", [who_gave_what(results)], figures=list(level_figures(results))),
@@ -112,8 +102,8 @@ def summary(results: Results, found: Findings) -> Section:
     )
 
 
-def _environments(results: Results, names: Sequence[str], name: str) -> Table:
-    """Return the table with a row per environment."""
+def _environments(results: Results, names: Sequence[str]) -> Table:
+    """Return the table with a row per environment; of many, of the first."""
     if not names:
         return Table()
     words = results.data.words
@@ -148,7 +138,10 @@ def _environments(results: Results, names: Sequence[str], name: str) -> Table:
             f" Real: among the central {percent(verdict.central)} of {words.users} at every ω, with"
             f" {percent(verdict.decision)} {measure}."
         )
-    return table_of(caption, names, columns | last, name=name, csv="intervals")
+    if len(names) > MOST_SHOWN:
+        caption += f" The first {MOST_SHOWN} of {len(names)}; the folds below have all."
+    shown = names[:MOST_SHOWN]
+    return table_of(caption, shown, columns | last, name="overview", csv="intervals")
 
 
 def displayed(results: Results, *, coupled: bool) -> Callable[[str], Cell]:

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import copy
+import re
 import xml.etree.ElementTree as ET
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -241,6 +243,24 @@ def test_the_title_of_boundaries_says_whom_they_are_for(classical, kinds, whom):
     assert ratios.title.startswith(f"What {whom} takes for the reference")
 
 
+def linear(colour):
+    """Linear RGB of a colour in hexadecimal digits."""
+    parts = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+
+
+@pytest.mark.parametrize("theme", [":root {", ':root[data-theme="dark"] {'])
+def test_colours_of_text_have_the_contrast_that_wcag_asks_for(theme):
+    css = resources.files("percept.report").joinpath("templates", "page.css").read_text("utf-8")
+    block = css.partition(theme)[2].partition("}")[0]
+    colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", block))
+    light = {name: linear(colour) @ [0.2126, 0.7152, 0.0722] for name, colour in colours.items()}
+    for text in ("ink", "quiet", "classical", "bayesian", "coupled", "warn", "link"):
+        for ground in ("paper", "panel"):
+            darker, lighter = sorted([light[text], light[ground]])
+            assert (lighter + 0.05) / (darker + 0.05) >= 4.5, (text, ground)
+
+
 def test_methods_stay_apart_in_colour_blindness():
     # Viénot, Brettel and Mollon (1999): linear RGB as a protanope and a deuteranope sees it.
     seen_by = {
@@ -251,10 +271,6 @@ def test_methods_stay_apart_in_colour_blindness():
             [[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]]
         ),
     }
-
-    def linear(colour):
-        parts = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-        return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
 
     for matrix in seen_by.values():
         classical, bayesian = (matrix @ linear(COLOURS[name]) for name in ("classical", "bayesian"))

@@ -258,7 +258,7 @@ def test_one_environment_is_spoken_of_as_one():
     whole = read_sessions(DATASETS / "hbfd_sessions.csv").table
     one = said_of(Sessions.from_frame(whole[whole["environment"] == "VE1"]))
     assert one.count("to match 1 virtual environment, once each.") == 2
-    assert re.search(r"Intervals\W+1\W+were derived with percept", one)
+    assert re.search(r"Intervals\W+boundaries\W+were derived with percept", one)
     assert "boundaries were derived" not in one
 
 

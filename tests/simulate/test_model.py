@@ -102,9 +102,12 @@ def test_moments_of_the_responses() -> None:
     within = within.sum(axis=2) / (trials - 1)
 
     of_users = values.cov_users(design.decades)
+    hyper = values.hyper
+    cov_u = np.outer(hyper.sigma_u, hyper.sigma_u) * [[1.0, hyper.rho_u], [hyper.rho_u, 1.0]]
     of_trend = np.array([[0.2**2, -0.5 * 0.2 * 0.1], [-0.5 * 0.2 * 0.1, 0.1**2]])
     for j, x in enumerate(design.decades):
-        assert_allclose(of_users[j], values.cov_u + values.cov_w[j] + np.outer(x, x) * of_trend)
+        own = np.outer(values.sigma[j], values.sigma[j]) * [[1.0, hyper.rho_w], [hyper.rho_w, 1.0]]
+        assert_allclose(of_users[j], cov_u + own + np.outer(x, x) * of_trend)
         cov = of_users[j] + values.cov_e[j] / trials
         assert_covariance(means[:, j], means[:, j], cov, cov, cov)
         assert_allclose(
@@ -113,7 +116,7 @@ def test_moments_of_the_responses() -> None:
         error = np.sqrt(_wishart_variance(values.cov_e[j]) / (subjects * (trials - 1)))
         assert np.all(np.abs(within[:, j].mean(axis=0) - values.cov_e[j]) < 4 * error)
     first, second = of_users + values.cov_e / trials
-    shared = values.cov_u + np.outer(*design.decades) * of_trend
+    shared = cov_u + np.outer(*design.decades) * of_trend
     assert_covariance(means[:, 0], means[:, 1], shared, first, second)
 
 

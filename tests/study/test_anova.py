@@ -112,7 +112,7 @@ def test_the_methods_paragraph_is_written_from_the_design():
     assert "by group: novice 4, expert 4." in text
     assert "are empty" not in text
     assert "own log ratios, and their spreads by Pitman’s and Morgan’s test; groups by" in text
-    assert "with Greenhouse’s and Geisser’s correction [4]." in text
+    assert "with Greenhouse’s and Geisser’s correction [greenhouse1959]." in text
     assert "On methods in the analysis of profile data" in text
 
 
