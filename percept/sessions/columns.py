@@ -134,8 +134,6 @@ def _refuse_missing(grid: Grid, rules: _Rules) -> None:
         if rule.name in grid.header or _IN_NAMES.search(rule.name)
     }
     for canonical, rule in rules.items():
-        for name in rule.also:
-            grid.position(name)
         if canonical not in there:
             is_trials = any(column.endswith("_adj") for column in there)
             message = f"[columns] names {rule.name!r} for {canonical}, and no column has that name."
@@ -176,7 +174,7 @@ def _slots(grid: Grid, rules: _Rules, options: ReadOptions) -> tuple[Slot, ...]:
     alone = _alone(rules, options)
     if not wide:
         return (Slot(common, alone),)
-    taken = {rule.name for rule in rules.values()} | _named_apart(rules, options)
+    taken = {rule.name for rule in rules.values()} | _named_apart(options)
     positions: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
     for canonical, rule in wide.items():
         pattern = re.compile(_ID.sub(_group, re.escape(rule.name)), re.DOTALL)
@@ -252,14 +250,13 @@ def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str
 def unused_columns(grid: Grid, found: Resolution, options: ReadOptions) -> list[str]:
     """Name the columns of a header that nothing is read from."""
     read = {position for slot in found.slots for position in slot.columns.values()}
-    apart = _named_apart(found.rules, options)
+    apart = _named_apart(options)
     names = enumerate(grid.header)
     return [name for position, name in names if position not in read and name not in apart]
 
 
-def _named_apart(rules: Mapping[str, ColumnRule], options: ReadOptions) -> set[str]:
-    """Name the columns that select rows, keep groups, or are further parts of ids."""
+def _named_apart(options: ReadOptions) -> set[str]:
+    """Name the columns that select rows or keep groups."""
     selection = options.sessions
-    named = {*KEPT_COLUMNS, *selection.groups, *selection.only}
-    named |= {rule.column for rule in selection.exclude}
-    return named.union(*(rule.also for rule in rules.values()))
+    excluded = {rule.column for rule in selection.exclude}
+    return {*KEPT_COLUMNS, *selection.groups, *selection.only, *excluded}

@@ -85,8 +85,8 @@ def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) 
                 f" {source}, and another in {counted(len(rows), 'row')}, here the first."
             )
             hint = (
-                "An environment has one reference. Correct it, or tell the environments apart by"
-                ' further columns: environment = ["…", "…"] in [columns]. If references differ by'
+                "An environment has one reference. Correct it, or name the column that tells the"
+                ' environments apart: environment = "…" in [columns]. If references differ by'
                 ' trial, set [model] bias = "reference".'
             )
             value = float(rows[column].iloc[0])

@@ -75,8 +75,6 @@ class ColumnRule(Table):
         damping.
     path : str, optional
         Dotted path into a JSON cell ("response.k"; a number picks from a list, -1 its last item).
-    also : tuple of str
-        Further columns of an id made of several: their texts follow, joined by hyphens.
     scale : float
         Multiplies the file's numbers: for a unit without a name.
     response : {"ratio", "difference"}, optional
@@ -87,7 +85,6 @@ class ColumnRule(Table):
     name: Text
     unit: str | None = None
     path: str | None = None
-    also: Texts = ()
     scale: Number = 1.0
     response: Literal["ratio", "difference"] | None = None
 
@@ -142,11 +139,9 @@ class ExcludeRule(Table):
 
 
 def _as_rule(value: Any) -> Any:
-    """Take a name, or the names of several columns, for the table of a column rule."""
-    if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
-        return {"name": value[0], "also": value[1:]}
+    """Take a name for the table of a column rule."""
     if not isinstance(value, str | Mapping | ColumnRule):
-        raise ValueError("a column is a name, a list of names, or a table of name, unit and path")
+        raise ValueError("a column is a name, or a table of name, unit and path")
     return {"name": value} if isinstance(value, str) else value
 
 
@@ -266,8 +261,6 @@ class DataTables(Table):
         for name, rule in self.columns.items():
             _declared_quantity(name, quantities, f"columns.{name}")
             known_key(columns, name, f"columns.{name}")
-            if rule.also and name not in IDS:
-                raise UsageError("only an id is made of several columns.", key=f"columns.{name}")
             if rule.response is not None and not name.endswith("_adj"):
                 message = "only an adjustment is a ratio or a difference to its reference."
                 raise UsageError(message, key=f"columns.{name}.response")

@@ -50,8 +50,8 @@ _ASK = {
     "subject": 'its column; or remove this line and write, below [sessions], subject = "row" or'
     ' filename = "{subject}"',
     "session": "its column, or remove this line",
-    "environment": "its column or a list of columns; remove this line if values of the reference"
-    ' name environments, and set [model] bias = "reference" if they differ by trial',
+    "environment": "its column; remove this line if values of the reference name environments,"
+    ' and set [model] bias = "reference" if they differ by trial',
     "trial": "the column that numbers repeats; or remove this line and write, below [sessions],"
     ' trial = "order"',
     "ref": "its column; or remove this line and write numbers in [environments], or reference ="

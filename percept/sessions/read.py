@@ -157,15 +157,13 @@ class Sessions:
     @property
     def _observed(self) -> doubts.Observed:
         """What checks look at."""
-        return doubts.Observed(
-            self.table, self.references, self.adjusted, self.options, self.factors
-        )
+        return doubts.Observed(self.table, self.adjusted, self.options, self.factors)
 
     @cached_property
     def warnings(self) -> tuple[Notice, ...]:
         """What to look at before believing the study."""
         notices = []
-        found = doubts.doubts(self._observed, are_trials=self.form == "trials")
+        found = doubts.doubts(self._observed) if self.form == "trials" else ()
         for message, column, index, *_ in found:
             file, row = (None, None) if index is None else self.locate(index)
             notices.append(Notice(message, file, row, column))

@@ -68,8 +68,6 @@ def _file_columns(file: OpenFile) -> dict[Any, int]:
     for rule in selection.exclude:
         if rule.column not in canonical:
             names.append(FileColumn(rule.column, is_number=not rule.equals))
-    for column in file.resolution.rules.values():
-        names += map(FileColumn, column.also)
     return {column: file.grid.position(column.name) for column in names}
 
 
@@ -95,31 +93,7 @@ def _melted(file: OpenFile) -> pd.DataFrame:
     if file.options.sessions.subject == "row":
         stem = PurePath(file.name).stem
         data["subject"] = [f"{stem} {row}" for row in data.index]
-    for canonical, rule in file.resolution.rules.items():
-        if rule.also:
-            data[canonical] = _joined(file, data, canonical, rule.also)
     return data
-
-
-def _joined(
-    file: OpenFile,
-    data: pd.DataFrame,
-    canonical: str,
-    also: tuple[str, ...],
-) -> pd.Series[str]:
-    """Join ids of several columns; one that lacks a part is blank, and so missing."""
-    parts = data[[canonical, *map(FileColumn, also)]]
-    further = parts.iloc[:, 1:].to_numpy(dtype=object)
-    joined = data[canonical].str.cat(further, sep="-")
-    different = parts.assign(joined=joined).drop_duplicates()
-    first = different[different["joined"].duplicated(keep=False)].head(1)
-    for *texts, text in first.itertuples(index=False, name=None):
-        message = f"{shown(texts)} and others join to {text!r}."
-        hint = "Take the hyphens out of one of these columns."
-        column = file.resolution.rules[canonical].name
-        raise UsageError(message, hint=hint, file=file.name, column=column)
-    is_blank = [cells.str.strip() == "" for _, cells in parts.items()]
-    return joined.mask(np.logical_or.reduce(is_blank), "")
 
 
 def _selected(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:

@@ -266,7 +266,7 @@ def _matlab(entry: Input, limits: FileLimits) -> _Rows:
     alone: _Columns = {}
     for name, value in _variables(entry, limits):
         if isinstance(value, list) and any(isinstance(item, dict) for item in value):
-            value = _below_one_another(value, entry.name, limits)
+            value = dict(pd.DataFrame(value, dtype=object))
         elif np.ndim(value) == 2:
             value = {f"column {number}": cells for number, cells in enumerate(value.T, 1)}
         if isinstance(value, dict):
@@ -288,17 +288,6 @@ def _matlab(entry: Input, limits: FileLimits) -> _Rows:
         raise NoDataError(message, hint=hint)
     name = _chosen(tables if entry.part is None else list(found), entry)
     yield from _side_by_side(found[name], limits, entry.name)
-
-
-def _below_one_another(structs: Sequence[Any], file: str, limits: FileLimits) -> _Columns:
-    """Columns of an array of structs; where a struct holds vectors, its single values repeat."""
-    frame = pd.DataFrame(structs, dtype=object)
-    sizes = frame.map(np.size)
-    limits.hold_table(int(sizes.max(axis=1).sum()), len(frame.columns), file)
-    vectors = [name for name in frame if (sizes[name] != 1).any()]
-    if vectors:
-        frame = frame.explode(vectors)
-    return {str(name): column for name, column in frame.items()}
 
 
 def _variables(entry: Input, limits: FileLimits) -> Iterator[tuple[str, Any]]:

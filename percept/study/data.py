@@ -298,7 +298,7 @@ def _design(sessions: Sessions) -> DesignCounts:
     table = sessions.table
     trials_of_cell = table.groupby(["subject", "environment"], sort=False).size()
     visits = table.groupby("subject", sort=False)["session"].nunique()
-    missing = sum(1 for _ in empty_cells(table, sessions.factors))
+    missing = len(empty_cells(table, sessions.factors))
     return DesignCounts(
         cells=len(trials_of_cell) + missing,
         missing=missing,

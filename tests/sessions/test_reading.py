@@ -124,13 +124,6 @@ READ = {
         [["soft"]],
         "[environments] names it, but no row has it",
     ),
-    "ids of several columns": (
-        "e,p,type,level,k_ref,k_adj\n1,1,x,2,20,21\n2,1,x,2,20,22\n",
-        {"columns": {"subject": ["e", "p"], "environment": ["type", "level"]}},
-        ["subject", "environment"],
-        [["1-1", "x-2"], ["2-1", "x-2"]],
-        None,
-    ),
     "cells of JSON": (
         "subject,environment,k_ref,v\n"
         '1,a,10,"{""s"": [1, 1.25e1]}"\n2,a,10,"{""s"": [np.float64(9.5)]}"\n3,a,10,{}\n',

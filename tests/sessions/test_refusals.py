@@ -104,18 +104,6 @@ REFUSED = {
     "ids that are blank": (f"{BOTH},a,10,1,1,11,1\n", {}, (2, "subject"), "has no subject."),
     "no trial": (f"{BOTH}1,b,10,1,,11,1\n", {}, (2, "trial"), "an adjustment has no trial."),
     "half a trial": (f"{BOTH}1,b,10,1,1.5,11,1\n", {}, (2, "trial"), "must be whole."),
-    "a part of an id": (
-        "e,p,environment,k_ref,k_adj\n1,1,a,10,11\n,1,a,10,12\n",
-        {"columns": {"subject": ["e", "p"]}},
-        (3, "e"),
-        "an adjustment has no subject.",
-    ),
-    "ids that join alike": (
-        "e,p,environment,k_ref,k_adj\na-b,c,x,10,11\na,b-c,x,10,12\n",
-        {"columns": {"subject": ["e", "p"]}},
-        (None, "e"),
-        "'a-b', 'c' and others join to 'a-b-c'. Take the hyphens out",
-    ),
     "two references": (
         f"{BOTH}1,a,10,1,1,11,1\n2,a,10.5,1,1,11,1\n",
         {},
@@ -457,13 +445,12 @@ def test_the_line_of_a_wrong_quote_is_that_of_the_delimiter_meant(tmp_path):
         ({"columns": {"k": "x"}}, "columns.k: there is no such key; there are subject, session,"),
         (
             {"columns": {"k_adj": {"nme": "x"}}},
-            "columns.k_adj.nme = 'x': there is no such key; there are name, unit, path, also,"
+            "columns.k_adj.nme = 'x': there is no such key; there are name, unit, path,"
             " scale, response. Did you mean name?",
         ),
-        ({"columns": {"k_adj": 3}}, "columns.k_adj = 3: a column is a name, a list of names, or a"),
+        ({"columns": {"k_adj": 3}}, "columns.k_adj = 3: a column is a name, or a table of"),
         ({"columns": {"k_adj": "{trial}{trial}"}}, "columns.k_adj: names an id twice."),
         ({"columns": {"k_adj": ""}}, "columns.k_adj.name = '': must not be empty."),
-        ({"columns": {"k_adj": ["k", "x"]}}, "columns.k_adj: only an id is made of several"),
         (
             {"columns": {"k_ref": {"name": "x", "response": "ratio"}}},
             "columns.k_ref.response: only an adjustment is a ratio",

@@ -151,29 +151,6 @@ def test_matlab_is_read_however_it_is_laid_out(tmp_path, layout):
     same_as_frame(tmp_path / "m.mat")
 
 
-def per_subject():
-    """An array of structs, each a subject with vectors."""
-    kinds = [(name, object) for name in NAMES]
-    structs = np.zeros((1, 3), dtype=kinds)
-    for index, (subject, rows) in enumerate(FRAME.groupby("subject", sort=False)):
-        walls = np.array(rows["environment"].tolist(), dtype=object)
-        structs[0, index] = (subject, walls, *rows[["k_ref", "k_adj"]].to_numpy().T)
-    return structs
-
-
-def test_structs_that_hold_vectors_are_melted(tmp_path):
-    path = tmp_path / "m.mat"
-    savemat(path, {"S": per_subject()})
-    same_as_frame(path)
-    # Single values repeat: 15 cells in the file are 24 in the table.
-    assert "more than 20 cells." in refusal(path, files={"cells": 20})
-    more = np.repeat(per_subject(), 2)
-    for index in range(len(NAMES)):
-        more[0][index] = np.arange(2.0 + index)
-    savemat(path, {"S": more})
-    assert "a broken file: columns must have matching element counts." in refusal(path)
-
-
 @pytest.mark.parametrize("place", [324, 340])
 def test_what_matlab_does_not_write_is_refused(tmp_path, place):
     # SciPy 1.17 ends with a segmentation fault on both.

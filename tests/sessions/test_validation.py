@@ -76,7 +76,7 @@ def test_a_conflict_is_one_line(tmp_path):
         f"{file}:6, column 'k_ref', value 11.0: environment 'b' has the reference 10.0 in an"
         " earlier row, and another in 1 row, here the first. "
     )
-    assert 'further columns: environment = ["…", "…"] in [columns].' in lines[0]
+    assert 'tells the environments apart: environment = "…" in [columns].' in lines[0]
     assert lines[2] == "2 problems"
 
 
