@@ -18,7 +18,7 @@ from percept.errors import PerceptError, UsageError
 from percept.files import exclusive, inert, own_folder, write_whole
 from percept.scene import Scene
 from percept.sessions import read_sessions
-from percept.sessions.inputs import expand, fitting, may_be_study
+from percept.sessions.inputs import expand
 from percept.study import Study
 from percept.workers import Mapper
 
@@ -139,12 +139,12 @@ class StudySource:
 def sources(
     paths: Iterable[str], *, scene: Scene | None = None, changes: Mapping[str, Any] | None = None
 ) -> list[StudySource]:
-    """Take each path, and each that a pattern fits, as a study; those named twice once.
+    """Take each path as a study; those named twice once.
 
     Parameters
     ----------
     paths : iterable of str
-        Session files, folders of them, or patterns such as ``"lab*/*.csv"``.
+        Session files, or folders of them.
     scene : Scene, optional
         Scene of the studies that have no ``scene.toml`` of their own.
     changes : mapping, optional
@@ -157,29 +157,13 @@ def sources(
     Raises
     ------
     UsageError
-        There is no path, or nothing fits a pattern.
+        There is no path.
     """
-    studies = dict.fromkeys(study for path in paths for study in _studies(path))
+    studies = dict.fromkeys(paths)
     if not studies:
-        raise UsageError(
-            "no study was given.", hint="Name session files or folders, one per study."
-        )
+        hint = "Name session files or folders, one per study."
+        raise UsageError("no study was given.", hint=hint)
     return [StudySource(path, scene or Scene(), changes or {}) for path in studies]
-
-
-def _studies(path: str) -> list[str]:
-    """Return the tables and folders of tables that a pattern fits; anything else as it is."""
-    matches = fitting(path)
-    if matches is None:
-        return [path]
-    studies = [match for match in matches if may_be_study(match)]
-    if not studies:
-        raise UsageError(
-            "no table and no folder of tables fits the pattern.",
-            value=path,
-            hint="Each match is one study.",
-        )
-    return studies
 
 
 def analyse(job: Job) -> Outcome:

@@ -39,10 +39,9 @@ _MOST_ROWS = 30
 _OUT = "report"
 _BATCH = """Fit many studies on the cores of this machine or on a dask cluster.
 
-Each STUDY is a session file or a folder of them (with a scene.toml of its own where it differs); of
-a quoted pattern each match is one. DIR/batch.csv has the intervals of all. A bad study stops no
-other, and an interrupted batch goes on when started again. Exit code 1: some study failed, was
-refused or has no Bayesian numbers.
+Each STUDY is a session file or a folder of them (with a scene.toml of its own where it differs).
+DIR/batch.csv has the intervals of all. A bad study stops no other, and an interrupted batch goes on
+when started again. Exit code 1: some study failed, was refused or has no Bayesian numbers.
 """
 
 
@@ -301,7 +300,7 @@ BATCH = Command(
     _BATCH,
     "percept batch studies/* --scene scene.toml --workers 8 --out results",
     (
-        argument("studies", "STUDY", "a session file, folder or quoted pattern", nargs="+"),
+        argument("studies", "STUDY", "a session file or folder", nargs="+"),
         *SETTINGS,
         *WORKERS,
         folder("batch"),

@@ -76,8 +76,7 @@ def resolve(grid: Grid, options: ReadOptions) -> Resolution:
     wanted = SUMMARY if summary else canonical_columns(options.quantities)
     if options.sessions.trial == "order":
         wanted = tuple(column for column in wanted if column != "trial")
-    declared = {name: rule for name, rule in options.columns.items() if name in wanted}
-    rules = {name: _inside(rule, grid.header) for name, rule in declared.items()}
+    rules = {name: rule for name, rule in options.columns.items() if name in wanted}
     if options.sessions.layout == "subjects in columns":
         rules.setdefault(f"{next(iter(options.quantities))}_adj", ColumnRule(name="{subject}"))
     announced = _by_name(grid, wanted, rules, options)
@@ -86,16 +85,6 @@ def resolve(grid: Grid, options: ReadOptions) -> Resolution:
         announced += _named_by_reference(rules, options)
     slots = _slots(grid, rules, options)
     return Resolution("summary" if summary else "trials", slots, rules, tuple(announced))
-
-
-def _inside(rule: ColumnRule, header: Sequence[str]) -> ColumnRule:
-    """Split a dotted name that leads into JSON cells of a column."""
-    stem = rule.name
-    while stem not in header and rule.path is None and "." in stem:
-        stem = stem.rpartition(".")[0]
-        if stem in header:
-            return rule.model_copy(update={"name": stem, "path": rule.name[len(stem) + 1 :]})
-    return rule
 
 
 def _by_name(

@@ -67,8 +67,6 @@ class Grid:
         What stands between the cells in the file.
     fewest : int
         Cells that a header has at least.
-    is_sheet : bool
-        Whether rows end with their last cell, and cells right of the header's last name are notes.
 
     Raises
     ------
@@ -83,7 +81,6 @@ class Grid:
         delimiter: str = ",",
         *,
         fewest: int = 1,
-        is_sheet: bool = False,
     ) -> None:
         self.file = file
         self.delimiter = delimiter
@@ -93,14 +90,8 @@ class Grid:
         self.units: dict[str, str] = {}  # By column, of the row below the header
         self.units_row = 0  # Its physical line
         first = list(islice(rows, _MOST_ROWS))
-        if is_sheet:
-            widest = max((len(cells) for _, cells in first), default=0)
-            first = [(line, _to_width(cells, widest)) for line, cells in first]
         self.header_row, names, below = self._find_header(first)
         rows = chain(below, rows)
-        if is_sheet:
-            names = names[: 1 + max(at for at, name in enumerate(names) if name.strip())]
-            rows = ((line, _to_width(cells, len(names))) for line, cells in rows)
         if not fewest <= len(names) <= _MOST_CELLS:
             hint = "Correct the header, or declare [sessions] delimiter."
             message = f"a header of {len(names)} cells."
@@ -202,11 +193,6 @@ class Grid:
                 yield line, cells
 
 
-def _to_width(cells: list[str], width: int) -> list[str]:
-    """Cut a row to a width, or fill it up with blank cells."""
-    return (cells + [""] * width)[:width]
-
-
 def _is_comment(cells: Sequence[str]) -> bool:
     """Whether a row is a comment: one cell at its left that begins as comments do."""
     return cells[0].startswith(_COMMENT) and len(_filled(cells)) == 1
@@ -241,6 +227,8 @@ def _refuse_two_headers(table: Sequence[_Row], file: str) -> None:
     for outer, name in zip(upper, lower, strict=False):
         above = outer or above
         names.append(f"{name}_{above}" if above else name)
+    if not lower[-1]:
+        names.pop()
     message = f"lines {row} and {below} are both headers."
     hint = (
         f"Write one line in their place: {','.join(names)}. Then name the columns in the scene,"

@@ -150,13 +150,14 @@ def expand(paths: Sequence[str | Path]) -> tuple[dict[str, bool], list[Notice]]:
 
 
 def _named(text: str) -> list[str]:
-    """Return a file, or the files that a pattern fits."""
+    """Return a file, or the files that a pattern fits, sorted."""
     place, _ = named_part(text)
     if Path(place).exists():
         return [text]
-    names = fitting(text)
-    if names is None:
+    if not any(sign in text for sign in "*?["):
         raise UsageError("there is no such file.", file=text, hint="Check the path.")
+    # Path.glob takes no absolute pattern, and finds hidden files.
+    names = sorted(glob.glob(text, recursive=True))  # noqa: PTH207
     return [name for name in names if not Path(name).is_dir()]
 
 
@@ -166,22 +167,6 @@ def named_part(text: str) -> tuple[str, str | None]:
     if separator and not Path(text).exists() and Path(place).exists():
         return place, part
     return text, None
-
-
-def fitting(pattern: str) -> list[str] | None:
-    """Return the files and folders that a glob pattern fits, sorted; None for a plain path."""
-    if Path(pattern).exists() or not any(sign in pattern for sign in "*?["):
-        return None
-    # Path.glob takes no absolute pattern, and finds hidden files.
-    return sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207
-
-
-def may_be_study(path: str) -> bool:
-    """Whether a path is a table, or a folder of tables that percept did not write."""
-    place = Path(path)
-    if not place.is_dir():
-        return place.suffix.lower() in _SUFFIXES
-    return not (place / _MARKER).exists() and bool(_tables(place)[0])
 
 
 def _tables(folder: Path) -> tuple[list[str], list[str]]:

@@ -18,7 +18,16 @@ import pandas as pd
 from percept.errors import UsageError, counted
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import IDS, MASS, Exclusion, Found, Notice, clip, shown
+from percept.sessions.records import (
+    IDS,
+    MASS,
+    SUMMARY_COLUMNS,
+    Exclusion,
+    Found,
+    Notice,
+    clip,
+    shown,
+)
 from percept.sessions.tables import Log
 from percept.sessions.values import fold, is_missing
 
@@ -32,9 +41,6 @@ _OTHER_UNIT = 2.0
 #: a factor of three of it is one.
 _THOUSAND = 3.0
 _ABOUT = float(np.log10(3.0))
-#: Half a turn in units of angles.
-_HALF_TURNS = dict.fromkeys(("deg", "°", "degree", "degrees"), 180.0)
-_HALF_TURNS |= dict.fromkeys(("rad", "radian", "radians"), np.pi)
 
 
 def settle_names(table: pd.DataFrame, groups: Iterable[str], log: Log) -> None:
@@ -44,16 +50,17 @@ def settle_names(table: pd.DataFrame, groups: Iterable[str], log: Log) -> None:
         first: dict[str, str] = {}
         for name in [*log.options.environments, *names] if column == "environment" else names:
             first.setdefault(fold(name), name)
-        spelled = {name: first[fold(name)] for name in names if first[fold(name)] != name}
+        spelled = {name: first[fold(name)] for name in names}
         for name, spelling in spelled.items():
+            if name == spelling:
+                continue
             file, row = log.place(table, (table[column] == name).idxmax())
             text = (
                 f"{column} {spelling!r} is one name with another spelling in {file}:{row}: they"
                 " differ in spaces, zero-width characters or Unicode form only"
             )
             log.notices.append(Notice(text))
-        if spelled:
-            table[column] = table[column].replace(spelled)
+        table[column] = table[column].map(spelled)
 
 
 def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) -> None:
@@ -195,38 +202,6 @@ def count_grid(table: pd.DataFrame, parameters: Iterable[str]) -> dict[str, int]
     return counts | {f"rows without {p}": int(table[f"{p}_adj"].isna().sum()) for p in parameters}
 
 
-def angles(
-    table: pd.DataFrame, quantities: Iterable[Quantity], options: ReadOptions
-) -> Iterator[Found]:
-    """Refuse angles beyond half a turn, which have no mean: 350 and 10 deg lie beside each other.
-
-    Differences from the references within half a turn are none.
-    """
-    for quantity in quantities:
-        column = f"{quantity.name}_adj"
-        half = _HALF_TURNS.get(quantity.unit.casefold(), np.inf)
-        errors = table[column]
-        reach = 0.0
-        rule = options.columns.get(column)
-        if rule is None or rule.response != "difference":
-            references = table[f"{quantity.name}_ref"][errors.notna()]
-            errors = errors - references
-            reach = max(references.max() - references.min(), references.abs().max())
-        far = errors.index[errors.abs() > half]
-        if len(far) or reach > half:
-            message = (
-                f"{quantity.label} in {quantity.unit} wraps: values lie beyond half a turn,"
-                f" {half:.4g} {quantity.unit}."
-            )
-            hint = (
-                f"Give {column} a column of adjusted − reference, within half a turn:"
-                f' {column} = {{ name = "…", response = "difference" }} in [columns].'
-                " If the knob can turn more than once its angle does not wrap: give it in turns,"
-                ' unit = "turn".'
-            )
-            yield Found(message, column, far[0] if len(far) else None, hint=hint)
-
-
 def repeats(table: pd.DataFrame, log: Log) -> Iterator[Found]:
     """Refuse rows that repeat what tells trials apart."""
     split = [name for name in log.options.split if name in table and name not in _TRIAL]
@@ -362,20 +337,16 @@ def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
         ("level", "must lie between 0 and 1, as in 0.99.", (level <= 0) | (level >= 1)),
         ("environment", "a second row for this environment and parameter.", again),
     ]
-    for column in ("reference", "lower", "upper", "n", "level"):
+    for column in SUMMARY_COLUMNS[2:]:
         rules.append((column, "a published table has no empty cells.", table[column].isna()))
     for column, message, wrong in rules:
         for row, value in table[column][wrong].items():
-            said = None if value != value else value
-            yield Found(message, column, row, said, "Correct or remove it.")
-    given = {
-        (environment, column.removesuffix("_ref")): value
-        for environment, references in options.environments.items()
-        for column, value in references.items()
-    }
+            shown_value = None if value != value else value
+            yield Found(message, column, row, shown_value, "Correct or remove it.")
     cells: Any
     for cells in table.itertuples():
-        expected = given.get((cells.environment, cells.parameter), cells.reference)
+        references = options.environments.get(cells.environment, {})
+        expected = references.get(f"{cells.parameter}_ref", cells.reference)
         if cells.reference != expected:
             message = (
                 f"[environments] gives {shown([cells.environment])} the reference {expected:g}."

@@ -309,7 +309,6 @@ def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
     table[groups] = table[groups].fillna("").astype("str")
     merged.settle_names(table, groups, log)
     merged.settle_references(table, parameters, log)
-    log.refuse(table, merged.angles(table, quantities, options))
     merged.make_absolute(table, parameters, log)
     table = merged.without_ends(table, quantities, log)
     if options.sessions.trial == "order":
@@ -326,6 +325,5 @@ def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
 def _in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
     """Order environments as the scene lists them, and the rest by references."""
     ranks = {name: rank for rank, name in enumerate(listed)}
-    ranked = references.assign(_rank=[ranks.get(name, len(ranks)) for name in references.index])
-    by = ["_rank", *references.columns]
-    return tuple(map(str, ranked.sort_values(by, kind="stable").index))
+    by_reference = references.sort_values(list(references.columns), kind="stable").index
+    return tuple(sorted(by_reference, key=lambda name: ranks.get(name, len(ranks))))

@@ -103,23 +103,21 @@ class OpenFile:
 
     def cells(self, positions: Collection[int]) -> pd.DataFrame:
         """Read all rows; give columns of texts by position. The index is the physical line."""
-        limits = self.options.files
         rows = self.grid.rows()
         lines: list[int] = []
         texts: dict[int, list[str]] = {at: [] for at in positions}
         while part := list(islice(rows, _ROWS)):
             lines += [line for line, _ in part]
-            limits.hold_table(len(lines), len(texts), self.name)
-            columns = list(zip(*(cells for _, cells in part), strict=True))
+            self.options.files.hold_table(len(lines), len(texts), self.name)
             # Equal texts share their memory: most columns hold few.
             share = dict[str, str]().setdefault
             for at, column in texts.items():
-                column += map(share, columns[at], columns[at])
+                column += [share(cells[at], cells[at]) for _, cells in part]
         self.log.counts["rows read"] += len(lines)
         self.log.counts.update(self.grid.dropped)
         self.log.notices += self.grid.notices
         self.log.sources.append(Source(self.name, self.digest, len(lines)))
-        return pd.DataFrame(texts, index=pd.Index(lines, dtype="int64"), dtype="str")
+        return pd.DataFrame(texts, index=lines, dtype="str")
 
     def is_missing(self, cells: pd.Series[str]) -> npt.NDArray[np.bool_]:
         """Which cells say that there is no value."""

@@ -85,11 +85,8 @@ def _melted(file: OpenFile) -> pd.DataFrame:
         part = cells[list(columns.values())]
         part = part.set_axis(list(columns), axis=1)
         parts.append(part.assign(**slot.ids))
-    data = parts[0]
-    if len(parts) > 1:
-        # Columns of other slots are blank in this one.
-        data = pd.concat(parts).fillna("").sort_index(kind="stable")
-    data = data.assign(**file.ids)
+    # Columns of other slots are blank in this one.
+    data = pd.concat(parts).fillna("").sort_index(kind="stable").assign(**file.ids)
     if file.options.sessions.subject == "row":
         stem = PurePath(file.name).stem
         data["subject"] = [f"{stem} {row}" for row in data.index]
@@ -245,18 +242,16 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     if file.options.sessions.keep != "last":
         return data
     ids = [column for column in (*IDS, "trial") if column in data]
-    numbers = [column for column in _numbers(file, data) if column != "trial"]
-    # Physical lines may repeat in a wide table: values go by position.
-    trials = data.groupby(ids, sort=False, dropna=False)
-    data[numbers] = trials[numbers].ffill().to_numpy()
-    is_last = ~data.duplicated(ids, keep="last").to_numpy()
+    trials = data.rename_axis("line").reset_index().groupby(ids, sort=False)
+    last = trials.last().reset_index().set_index("line").sort_index(kind="stable")
     rows = len(data)
-    earlier = rows - int(is_last.sum())
+    earlier = rows - len(last)
+    file.log.counts["earlier event of a trial"] += earlier
     file.notice(
         f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%}) as'
         f" earlier events of a trial; one row stays per {', '.join(ids)}"
     )
-    return _keep(file, data, is_last, "earlier event of a trial")
+    return last
 
 
 def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:

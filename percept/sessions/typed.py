@@ -70,12 +70,11 @@ def typed_grid(entry: Input, limits: FileLimits) -> Grid | None:
     """
     for signature, reader in _READERS.items():
         if re.match(signature, entry.data):
-            rows = reader(entry, limits)
-            return grid_of(rows, entry.name, limits, is_sheet=reader is _sheet)
+            return grid_of(reader(entry, limits), entry.name, limits)
     return None
 
 
-def grid_of(rows: _Rows, file: str, limits: FileLimits, *, is_sheet: bool = False) -> Grid:
+def grid_of(rows: _Rows, file: str, limits: FileLimits) -> Grid:
     """Write a header and rows of values as text, within the limits.
 
     Raises
@@ -83,7 +82,7 @@ def grid_of(rows: _Rows, file: str, limits: FileLimits, *, is_sheet: bool = Fals
     UsageError
         There is no row below a header, the table passes a limit, or a text cannot be written.
     """
-    return Grid(_texts(rows, file, limits), file, is_sheet=is_sheet)
+    return Grid(_texts(rows, file, limits), file)
 
 
 def _texts(rows: _Rows, file: str, limits: FileLimits) -> Iterator[tuple[int, list[str]]]:
@@ -174,7 +173,7 @@ def _workbook(entry: Input, *, values: bool = True) -> Any:
 
 
 def _sheet(entry: Input, limits: FileLimits) -> _Rows:
-    """Read a sheet; rows end with their last cell that is not blank."""
+    """Read a sheet; a blank cell ends each row, as a delimiter may in texts."""
     book = _workbook(entry)
     names = book.sheetnames
     if entry.part is None:
@@ -184,14 +183,16 @@ def _sheet(entry: Input, limits: FileLimits) -> _Rows:
     for page in pages:
         # The size that a sheet states may be wrong.
         page.reset_dimensions()
+    rows = []
     width = 0
-    for number, rows in enumerate(zip(*(page.iter_rows() for page in pages), strict=True), 1):
-        values = [_sheet_value(*cells) for cells in zip(*rows, strict=True)]
+    for cells in zip(*(page.iter_rows() for page in pages), strict=True):
+        values = list(map(_sheet_value, *cells))
         while values and values[-1] == "":
             values.pop()
+        rows.append(values)
         width = max(width, len(values))
-        limits.hold_table(number, width, entry.name)
-        yield values
+        limits.hold_table(len(rows), width, entry.name)
+    yield from (values + [""] * (width + 1 - len(values)) for values in rows)
 
 
 def _sheet_value(cell: Any, written: Any) -> Any:

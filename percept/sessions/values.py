@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -23,17 +23,16 @@ LARGEST = 1e100
 #: Texts that say there is no value, in any case; a scene may add some.
 MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "."})
 SPACE = " \t\xa0"
+#: Patterns of plain numbers, by their decimal mark.
 _NUMBER = {
-    ".": re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
-    ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]*)?|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+    ".": r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?",
+    ",": r"[+-]?(?:[0-9]+(?:,[0-9]*)?|,[0-9]+)(?:[eE][+-]?[0-9]+)?",
 }
 # "1,286" is 1.286 with a decimal comma and 1286 with a comma between thousands; "0,435" and "12,5"
 # are not.
 _TWO_READINGS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
 _WORDS = {".": "point", ",": "comma"}
 _OTHER: dict[Mark, Mark] = {".": ",", ",": "."}
-#: Signs of numbers without an odd one, all cells in one.
-_PLAIN = {".": re.compile("[0-9.eE+-]*"), ",": re.compile("[0-9,eE+-]*")}
 _NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
 #: What else stands in cells of numbers: a pattern, what is wrong, and what to do beside correcting
 #: it. COLUMN stands for the column's name in the file, CANONICAL for percept's.
@@ -80,9 +79,9 @@ _NO_NUMBERS = (
 _ZERO_WIDTH = re.compile("[\u200b-\u200f\u2060\ufeff\u00ad]")
 
 
-def is_missing(cell: str, marks: Container[str] = MISSING) -> bool:
-    """Whether a value cell says there is no value."""
-    return cell.strip(SPACE).lower() in marks
+def is_missing(cell: str) -> bool:
+    """Whether a cell says there is no value."""
+    return cell.strip(SPACE).lower() in MISSING
 
 
 def decimal_mark(columns: Mapping[Any, pd.Series[str]], delimiter: str) -> tuple[Mark, list[Found]]:
@@ -91,26 +90,20 @@ def decimal_mark(columns: Mapping[Any, pd.Series[str]], delimiter: str) -> tuple
     Where every cell has two readings the scene has to say. So it has where semicolons separate the
     cells, which a country with decimal commas has, and points may separate thousands.
     """
-    mark: Mark = "."
-    marked = list(_marked(",", columns))
-    if marked:
-        points = list(_marked(".", columns))
-        # Cells with one reading go before more numerous ones with two.
-        for_comma = (_with_one_reading(marked), len(marked))
-        if for_comma > (_with_one_reading(points), len(points)):
-            mark = ","
-        if points or for_comma[0]:
-            return mark, []
-    elif delimiter == ";":
-        marked = list(_marked(".", columns))
-        if _with_one_reading(marked):
-            return mark, []
+    cells: dict[Mark, list[tuple[Any, int, str]]] = {",": list(_marked(",", columns)), ".": []}
+    if cells[","] or delimiter == ";":
+        cells["."] = list(_marked(".", columns))
+    # Cells with one reading go before more numerous ones with two.
+    weights = {sign: (_with_one_reading(marked), len(marked)) for sign, marked in cells.items()}
+    mark: Mark = "," if weights[","] > weights["."] else "."
+    if all(cells.values()) or weights[mark][0]:
+        return mark, []
     hint = (
         f'Declare [sessions] decimal = "{mark}". If the {_WORDS[mark]} separates thousands, write'
         f' them without it and declare decimal = "{_OTHER[mark]}".'
     )
     return mark, [
-        Found(f"{_readings(cell)}.", column, row, cell, hint) for column, row, cell in marked
+        Found(f"{_readings(cell)}.", column, row, cell, hint) for column, row, cell in cells[mark]
     ]
 
 
@@ -119,7 +112,7 @@ def _marked(sign: Mark, columns: Mapping[Any, pd.Series[str]]) -> Iterator[tuple
     for column, cells in columns.items():
         for row, cell in cells[cells.str.contains(sign, regex=False)].items():
             text = cell.strip(SPACE)
-            if _NUMBER[sign].fullmatch(text):
+            if re.fullmatch(_NUMBER[sign], text):
                 yield column, int(str(row)), text
 
 
@@ -133,52 +126,32 @@ def _readings(cell: str) -> str:
 
 
 def parse_numbers(
-    column: Any, series: pd.Series[str], mark: Mark, marks: Container[str]
+    column: Any, series: pd.Series[str], mark: Mark, marks: Collection[str]
 ) -> tuple[npt.NDArray[np.float64], list[Found]]:
     """Convert cells to numbers, NaN where there is no value; tell what is neither."""
-    cells = series.tolist()
-    plain = _plain_numbers(cells, mark)
-    if plain is not None:
-        return plain, []
-    found = []
-    numbers = np.full(len(cells), np.nan)
-    for index, cell in enumerate(cells):
-        text = cell.strip(SPACE)
-        if _NUMBER[mark].fullmatch(text):
-            numbers[index] = number = float(text.replace(",", "."))
-            mantissa = re.split("[eE]", text)[0]
-            if LEAST <= abs(number) <= LARGEST or not re.search("[1-9]", mantissa):
-                continue
-            message = f"not between {LEAST:g} and {LARGEST:g} in size."
-            hint = ""
-        elif text.lower() in marks:
-            continue
-        else:
-            message, hint = _diagnosis(text, mark)
-        found.append(Found(message, column, int(series.index[index]), cell, hint))
-    return numbers, found
-
-
-def _plain_numbers(cells: Sequence[str], mark: Mark) -> npt.NDArray[np.float64] | None:
-    """Convert cells that hold plain numbers in range, or nothing; None where one is odd."""
-    signs = "".join(cells)
-    if not _PLAIN[mark].fullmatch(signs):
-        return None
-    texts = cells if mark == "." else [cell.replace(",", ".") for cell in cells]
-    try:
-        numbers = np.array([float(text) if text else np.nan for text in texts])
-    except ValueError:
-        return None
+    texts = series.str.strip(SPACE)
+    is_number = texts.str.fullmatch(_NUMBER[mark]).to_numpy(dtype=bool)
+    plain = texts.where(is_number, "nan").str.replace(",", ".", regex=False)
+    numbers = plain.to_numpy(dtype=object).astype(float)
     sizes = np.abs(numbers)
-    # A zero with an exponent may have been a number below the least double.
-    tiny = (sizes < LEAST) & ((sizes > 0) | ("e" in signs.lower()))
-    return None if (tiny | (sizes > LARGEST)).any() else numbers
+    # A zero with other digits was a number below the least double.
+    is_zero = (sizes == 0) & ~texts.str.match("[^eE]*[1-9]").to_numpy(dtype=bool)
+    in_range = is_zero | ((sizes >= LEAST) & (sizes <= LARGEST))
+    is_missing = texts.str.lower().isin(marks).to_numpy(dtype=bool)
+    found = []
+    for at in np.flatnonzero(~np.where(is_number, in_range, is_missing)):
+        message = f"not between {LEAST:g} and {LARGEST:g} in size."
+        hint = ""
+        if not is_number[at]:
+            message, hint = _diagnosis(texts.iloc[at], mark)
+        found.append(Found(message, column, int(series.index[at]), series.iloc[at], hint))
+    return numbers, found
 
 
 def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
     """Say what is wrong with a cell that is no number, and what to do about it."""
     other = _OTHER[mark]
-    if _NUMBER[other].fullmatch(text):
+    if re.fullmatch(_NUMBER[other], text):
         what = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
         hint = (
             f"Write it with a decimal {_WORDS[mark]}, and thousands without a separator, or set"

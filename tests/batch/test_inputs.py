@@ -22,26 +22,6 @@ def test_a_folder_goes_with_the_files_below_it_and_a_scene_of_its_own(tmp_path):
     assert (study.scene.inference.level, study.scene.inference.seed) == (0.9, 7)
 
 
-def test_each_match_of_a_pattern_is_a_study_as_a_shell_would_have_it(tmp_path):
-    for day in ("b", "a"):
-        (tmp_path / day).mkdir()
-        (tmp_path / day / "s.csv").write_text(day)
-    paths = [str(tmp_path / day / "s.csv") for day in ("a", "b")]
-    assert [one.path for one in sources([str(tmp_path / "*" / "s.csv"), paths[0]])] == paths
-    (tmp_path / "x*").mkdir()
-    assert [one.path for one in sources([str(tmp_path / "x*")])] == [str(tmp_path / "x*")]
-    (tmp_path / "notes.md").write_text("")
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "res").mkdir()
-    for name in (".percept", "s.csv"):
-        (tmp_path / "res" / name).write_text("")
-    assert [one.path for one in sources([str(tmp_path / "?*")])] == [
-        str(tmp_path / day) for day in ("a", "b")
-    ]
-    with pytest.raises(UsageError, match="no table and no folder of tables fits the pattern"):
-        sources([str(tmp_path / "nowhere*")])
-
-
 def test_everything_the_rows_depend_on_is_in_the_key(tmp_path, monkeypatch):
     path, other = tmp_path / "s.csv", tmp_path / "t.csv"
     path.write_text(study_text(1))

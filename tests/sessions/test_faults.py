@@ -214,7 +214,11 @@ def test_a_title_and_units_of_a_workbook_are_named(tmp_path):
     found = read_sessions(workbook(tmp_path, data=cells))
     assert found.table.equals(whole)
     said = [(notice.row, notice.text) for notice in found.notices]
-    assert said == [(1, TITLE), (4, UNITS.replace("line 2", "line 4"))]
+    assert said == [
+        (None, "columns not used: 'column 6', 'column 7'"),
+        (1, TITLE),
+        (4, UNITS.replace("line 2", "line 4")),
+    ]
 
 
 def test_a_formula_that_nobody_worked_out_is_refused(tmp_path):

@@ -132,13 +132,6 @@ READ = {
         [[12.5], [9.5]],
         None,
     ),
-    "a dotted name": (
-        'subject,environment,k_ref,v\n1,a,1,"{""s"": [1.5]}"\n',
-        {"columns": {"k_adj": "v.s.0"}},
-        ["k_adj"],
-        [[1.5]],
-        None,
-    ),
     "a unit without a name": (
         f"{HEAD}1,a,300,31\n",
         {"columns": {"k_adj": {"name": "k_adj", "scale": 10.0}}},
@@ -161,16 +154,6 @@ READ = {
         {"columns": {"k_adj": {"name": "k_adj", "response": "difference", "unit": "N/mm"}}},
         ["k_adj"],
         [[800.0]],
-        None,
-    ),
-    "differences of angles": (
-        "subject,environment,x_ref,error\n1,a,350,15\n2,a,350,-170\n",
-        {
-            "quantities": {"x": {"unit": "deg"}},
-            "columns": {"x_adj": {"name": "error", "response": "difference"}},
-        },
-        ["x_adj"],
-        [[365.0], [180.0]],
         None,
     ),
     "the order of rows": (

@@ -239,29 +239,6 @@ REFUSED = {
         (None, None),
         "the name does not fit the pattern 's{subject}'.",
     ),
-    "angles from references": (
-        "subject,environment,x_ref,x_adj\n1,a,10,11\n1,b,350,349\n",
-        {"quantities": {"x": {"label": "size", "unit": "deg"}}},
-        (None, "x_adj"),
-        "size in deg wraps: values lie beyond half a turn, 180 deg. Give x_adj a column of"
-        " adjusted − reference, within half a turn:"
-        ' x_adj = { name = "…", response = "difference" } in [columns].',
-    ),
-    "angles from adjustments": (
-        "subject,environment,x_ref,x_adj\n1,a,0.2,0.1\n2,a,0.2,6.1\n",
-        {"quantities": {"x": {"unit": "radians"}}},
-        (3, "x_adj"),
-        "wraps: values lie beyond half a turn, 3.142 radians.",
-    ),
-    "a long way round": (
-        "subject,environment,x_ref,x_adj\n1,a,90,15\n2,a,90,190\n3,a,90,-190\n",
-        {
-            "quantities": {"x": {"unit": "deg"}},
-            "columns": {"x_adj": {"name": "x_adj", "response": "difference"}},
-        },
-        (3, "x_adj"),
-        "wraps: values lie beyond half a turn, 180 deg.",
-    ),
     "no parameter": (f"{VE}V,stiffness,10,11,19,9,0.9\n", {}, (2, "parameter"), 'be "k" or "b"'),
     "limits": (f"{VE}V,k,10,19,11,10,0.99\n", {}, (2, "upper"), "is below the lower limit"),
     "one subject": (f"{VE}V,k,10,11,19,1,0.9\n", {}, (2, "n"), "a whole number of at least 2"),
