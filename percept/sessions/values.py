@@ -139,7 +139,7 @@ def parse_numbers(
     in_range = is_zero | ((sizes >= LEAST) & (sizes <= LARGEST))
     is_missing = texts.str.lower().isin(marks).to_numpy(dtype=bool)
     found = []
-    for at in np.flatnonzero(~np.where(is_number, in_range, is_missing)):
+    for at in np.flatnonzero(~np.where(is_number, in_range, is_missing)).tolist():
         message = f"not between {LEAST:g} and {LARGEST:g} in size."
         hint = ""
         if not is_number[at]:
