@@ -10,7 +10,7 @@ searches between frequencies.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -97,15 +97,15 @@ def coupling_map(setup: Setup, whose: MapUsers, scene: Scene) -> AdmissibleCoupl
     """
     if no_coupling_map(setup, whose) is not None:
         return None
-    judges = [_Judge(setup, name, users, scene) for name, users in whose.draws.items()]
-    maps = [_map_of(judge) for judge in judges]
+    maps = {name: _Map(setup, name, users, scene) for name, users in whose.draws.items()}
+    found = [its_map.worked_out() for its_map in maps.values()]
     return AdmissibleCouplings(
         method=whose.method,
         family=scene.inference.family,
         central=scene.verdict.central,
         decision=scene.inference.decision,
-        environments=tuple(maps),
-        together=_serving_all(judges, maps),
+        environments=tuple(found),
+        together=_serving_all(setup, scene, maps, found),
         devices=setup.draw_count,
     )
 
@@ -138,89 +138,68 @@ def _map_frequencies(setup: Setup, environment: str, users: Users, scene: Scene)
     return log_grid((scene.frequency.lower, scene.frequency.upper), _PER_DECADE, resonances)
 
 
-class _Judge:
-    """Judges the couplings of one environment."""
+class _Map:
+    """Couplings of one environment: B lines of damping, N·s/m, of K stiffnesses each, N/m.
+
+    They reach up to what is stable. Their probability (B, K) is that of being stable, times that of
+    feeling real.
+    """
 
     def __init__(self, setup: Setup, name: str, users: Users, scene: Scene) -> None:
-        self.name = name
-        self.setup = setup
+        self._setup = setup
+        self._name = name
+        self._scene = scene
+        self._decision = scene.inference.decision
         self.users = users
-        self.scene = scene
-        few_users = self._first(MAP_DRAWS[0])
+        few_users = users.select(slice(MAP_DRAWS[0]))
         central = scene.verdict.central
         softest, _ = _users_stiffnesses(setup, name, few_users, central)
-        #: N/m; a softer coupling is too soft under every draw.
-        self.softest = _SOFTER * softest
         omega = _map_frequencies(setup, name, few_users, scene)
         display = setup.display(name, coupled=True)
-        #: Of the first draws, as many as it is asked for.
-        self.couplings = CouplingJudge(display, self._first(MAP_DRAWS[-1]), omega, central=central)
+        most_users = users.select(slice(MAP_DRAWS[-1]))
+        self.couplings = CouplingJudge(display, most_users, omega, central=central)
+        self._stable = StableCouplings(setup, [name])
+        # Lines are dense at both ends.
+        angle = np.linspace(0.0, _LAST_LINE * 0.5 * np.pi, _LINES)
+        self._damping = self._stable.largest_damping() * np.sin(angle) ** 2
+        limit = np.maximum(self._stable.limit(self._damping), np.finfo(float).tiny)
+        limit *= 1.0 - _PULLED_IN
+        self._limited = bool(limit[0] < _AT_EDGE * self._stable.rigid_stiffness)
+        # A coupling as soft is too soft under every draw.
+        low = np.minimum(_SOFTER * softest, limit / _LEAST_SPAN)
+        self._stiffness = np.geomspace(low, limit, _STIFFNESSES).T
 
-    def _first(self, draws: int) -> Users:
-        """Return the first of the draws of users, which are in random order."""
-        return self.users.select(slice(0, draws))
+    def worked_out(self) -> EnvironmentCouplings:
+        """Judge all couplings; by more draws where the first do not decide."""
+        for draws in MAP_DRAWS:
+            self.draws = min(draws, self.users.size)
+            self.probability = self._probabilities(self._stiffness, self._damping)
+            ends = {end: self._confirmed_end(end) for end in _ENDS}
+            outcome: Literal["some", "none", "undecided"] = "undecided"
+            if None not in ends.values():
+                outcome = "some"
+            elif self._surely_none():
+                outcome = "none"
+            if outcome != "undecided":
+                break
+            self.couplings.only_deciding()
+        return EnvironmentCouplings(
+            name=self._name,
+            damping=self._damping,
+            stiffness=self._stiffness,
+            probability=self.probability,
+            limited=self._limited,
+            outcome=outcome,
+            draws=self.draws,
+            **ends,
+        )
 
     def confirm(self, coupling: Coupling) -> Evidence:
         """Judge one coupling between frequencies too, with the device at its point."""
-        setup = dataclasses.replace(self.setup, coupling=coupling, draws=None)
+        setup = dataclasses.replace(self._setup, coupling=coupling, draws=None)
         return evidence_of(
-            setup, self.name, self.users, self.scene, coupled=True, draws=_END_DRAWS, brief=True
+            setup, self._name, self.users, self._scene, coupled=True, draws=_END_DRAWS, brief=True
         )
-
-
-def _map_of(judge: _Judge) -> EnvironmentCouplings:
-    """Map one environment; by more draws where the first do not decide."""
-    stable = StableCouplings(judge.setup, [judge.name])
-    # Lines are dense at both ends.
-    angle = np.linspace(0.0, _LAST_LINE * 0.5 * np.pi, _LINES)
-    damping = stable.largest_damping() * np.sin(angle) ** 2
-    limit = (1.0 - _PULLED_IN) * np.maximum(stable.limit(damping), np.finfo(float).tiny)
-    low = np.minimum(judge.softest, limit / _LEAST_SPAN)
-    stiffness = np.geomspace(low, limit, _STIFFNESSES).T
-    for draws in MAP_DRAWS:
-        couplings = _Couplings(judge, stable, damping, stiffness, draws)
-        ends = {end: couplings.confirmed_end(end) for end in _ENDS}
-        outcome: Literal["some", "none", "undecided"] = "undecided"
-        if None not in ends.values():
-            outcome = "some"
-        elif couplings.surely_none():
-            outcome = "none"
-        if outcome != "undecided":
-            break
-        judge.couplings.only_deciding()
-    return EnvironmentCouplings(
-        name=judge.name,
-        damping=damping,
-        stiffness=stiffness,
-        probability=couplings.probability,
-        limited=bool(limit[0] < _AT_EDGE * stable.rigid_stiffness),
-        outcome=outcome,
-        draws=couplings.draws,
-        **ends,
-    )
-
-
-class _Couplings:
-    """Couplings on B lines of damping, N·s/m, of K stiffnesses each, N/m, up to what is stable.
-
-    Their probability (B, K) is that of being stable, times that of feeling real.
-    """
-
-    def __init__(
-        self,
-        judge: _Judge,
-        stable: StableCouplings,
-        damping: Array,
-        stiffness: Array,
-        draws: int,
-    ) -> None:
-        self._judge = judge
-        self._stable = stable
-        self._damping = damping
-        self._stiffness = stiffness
-        self._decision = judge.scene.inference.decision
-        self.draws = min(draws, judge.users.size)
-        self.probability = self._probabilities(stiffness, damping)
 
     def _probabilities(self, stiffness: Array, damping: Array) -> Array:
         """Return the probabilities of stiffnesses (B, K) on lines (B,)."""
@@ -232,22 +211,22 @@ class _Couplings:
         maybe = np.flatnonzero(stable)
         if maybe.size:
             couplings = Coupling(flat[maybe], damping_of_each[maybe])
-            stable[maybe] *= self._judge.couplings.probabilities(couplings, self.draws)
+            stable[maybe] *= self.couplings.probabilities(couplings, self.draws)
         return stable.reshape(stiffness.shape)
 
-    def surely_none(self) -> bool:
+    def _surely_none(self) -> bool:
         """Whether two errors above every probability no coupling reaches the decision."""
         highest = float(self.probability.max(initial=0.0))
         return highest + _ERRORS * share_error(highest, self.draws) < self._decision
 
-    def confirmed_end(self, end: End) -> ConfirmedCoupling | None:
+    def _confirmed_end(self, end: End) -> ConfirmedCoupling | None:
         """Return the stiffest or the softest coupling that surely reaches the decision."""
         wanted = self._decision + _ERRORS * share_error(self._decision, _END_DRAWS[-1])
         for _ in range(_ENDS_TRIED):
             coupling = self._probable_end(end, wanted)
             if coupling is None:
                 return None
-            confirmed = _confirmed([self._judge], self._stable, coupling)
+            confirmed = _confirmed([self], self._stable, coupling)
             least_probability = confirmed.probability - _ERRORS * confirmed.error
             if least_probability >= self._decision:
                 return confirmed
@@ -281,10 +260,10 @@ class _Couplings:
 
 
 def _confirmed(
-    judges: Sequence[_Judge], stable: StableCouplings, coupling: Coupling
+    maps: Sequence[_Map], stable: StableCouplings, coupling: Coupling
 ) -> ConfirmedCoupling:
     """Say how probably a coupling feels real where it is least probable, and what bounds it."""
-    least = min((judge.confirm(coupling) for judge in judges), key=lambda found: found.probability)
+    least = min((one.confirm(coupling) for one in maps), key=lambda found: found.probability)
     stiffness = np.atleast_1d(coupling.stiffness)
     damping = np.atleast_1d(coupling.damping)
     chance = float(stable.probability(stiffness, damping)[0])
@@ -309,26 +288,25 @@ def _confirmed(
 
 
 def _serving_all(
-    judges: Sequence[_Judge], maps: Sequence[EnvironmentCouplings]
+    setup: Setup, scene: Scene, maps: Mapping[str, _Map], found: Sequence[EnvironmentCouplings]
 ) -> ConfirmedCoupling | None:
     """Return an end of a map that surely serves every environment that some coupling serves."""
-    pairs = zip(judges, maps, strict=True)
-    served = [its_judge for its_judge, its_map in pairs if its_map.outcome == "some"]
+    served = {one.name: maps[one.name] for one in found if one.outcome == "some"}
     if len(served) < 2:
         return None
-    ends = [end for its_map in maps for end in (its_map.softest, its_map.stiffest) if end]
+    ends = [end for one in found for end in (one.softest, one.stiffest) if end]
     stiffness = np.array([end.stiffness for end in ends])
     damping = np.array([end.damping for end in ends])
-    stable = StableCouplings(served[0].setup, [its_judge.name for its_judge in served])
+    stable = StableCouplings(setup, list(served))
     least = stable.probability(stiffness, damping)
-    for its_judge in served:
-        draws = min(MAP_DRAWS[0], its_judge.users.size)
-        real = its_judge.couplings.probabilities(Coupling(stiffness, damping), draws)
+    for its_map in served.values():
+        draws = min(MAP_DRAWS[0], its_map.users.size)
+        real = its_map.couplings.probabilities(Coupling(stiffness, damping), draws)
         least = np.minimum(least, real)
     best = ends[int(least.argmax())]
-    found = _confirmed(served, stable, Coupling(best.stiffness, best.damping))
-    decision = served[0].scene.inference.decision
-    return found if found.probability - _ERRORS * found.error >= decision else None
+    together = _confirmed(list(served.values()), stable, Coupling(best.stiffness, best.damping))
+    surely = together.probability - _ERRORS * together.error
+    return together if surely >= scene.inference.decision else None
 
 
 def no_other_devices(setup: Setup, whose: MapUsers) -> Skipped | None:
