@@ -83,7 +83,8 @@ reproduced: $(STAMP)  ## the example page and the paper of reports/ (minutes)
 
 digits: $(STAMP)  ## digits kept, and what whole commands cost and skip, in reports/benchmark (half an hour)
 	@$(BIN)/python -m reports digits --out reports/benchmark
-	@$(BIN)/python -m reports commands --scale --out reports/benchmark
+	@$(BIN)/python -m reports commands --out reports/benchmark
+	@$(BIN)/python -m reports scale --out reports/benchmark
 
 bench: $(STAMP)  ## run time against error next to other samplers, and fits of many designs (two hours; extra peers)
 	@$(BIN)/python -m reports samplers --out reports/benchmark

@@ -22,6 +22,7 @@ PAGES = {
     "hbfd": "reports.hbfd.page:page",
     "digits": "reports.benchmark.digits:page",
     "commands": "reports.benchmark.commands:page",
+    "scale": "reports.benchmark.commands:scale",
     "designs": "reports.benchmark.designs:page",
     "samplers": "reports.benchmark.samplers:page",
     "reference": "reports.benchmark.reference:page",

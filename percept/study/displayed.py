@@ -131,14 +131,15 @@ class Displayed(Inferred):
 
     @cached_property
     def _drawing(self) -> BoundaryDrawing | None:
-        return self._drawing_of(self.curve_laws)
-
-    def _drawing_of(self, laws: Sequence[Law]) -> BoundaryDrawing | None:
         if self.setup is None:
             return None
+        return self._drawing_of(self.setup, self.regions, self.curve_laws)
+
+    def _drawing_of(
+        self, setup: Setup, regions: Sequence[Region], laws: Sequence[Law]
+    ) -> BoundaryDrawing:
         tolerance = self.data.asked.tolerance
-        regions = self._regions_of(laws)
-        return BoundaryDrawing(self.setup, regions, laws, self.scene.frequency, tolerance)
+        return BoundaryDrawing(setup, regions, laws, self.scene.frequency, tolerance)
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
@@ -161,11 +162,13 @@ class Displayed(Inferred):
         environments = select("environment", environments, self.with_reference)
         kinds = select("kind", kinds, self.data.asked.kinds)
         joints = select("joint treatment", joints, JOINTS)
+        setup = self.setup
+        if setup is None or self._drawing is None:
+            return ()
         drawing = self._drawing
         if not set(environments) <= set(self._shown):
-            drawing = self._drawing_of(self._laws_of(environments))
-        if drawing is None:
-            return ()
+            laws = self._laws_of(environments)
+            drawing = self._drawing_of(setup, self._regions_of(laws), laws)
         return drawing.at(grid, environments, kinds, joints)
 
     @property

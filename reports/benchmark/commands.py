@@ -155,7 +155,7 @@ def sessions_of(kind: Kind, seed: int = 1) -> pd.DataFrame:
 
 
 def report_of(kind: Kind, method: str = "both") -> tuple[Cost, float]:
-    """Write the report of a simulated study; return its cost and the size of its page, MB."""
+    """Write the report of a simulated study; return its cost and the size of report.json, MB."""
     scene = _SCENE
     if kind.factors:
         scene += f'[model]\nbias = "{" + ".join(kind.factors)}"\n'
@@ -165,7 +165,7 @@ def report_of(kind: Kind, method: str = "both") -> tuple[Cost, float]:
         scene_file.write_text(scene, encoding="utf-8")
         words = ["report", str(sessions), "--scene", str(scene_file), "--out", str(out)]
         _, cost = run_python(*_PERCEPT, *words, "--method", method)
-        return cost, (out / "report.html").stat().st_size / 1e6
+        return cost, (out / "report.json").stat().st_size / 1e6
 
 
 def exponent(seconds: Mapping[int, float]) -> float:
@@ -175,12 +175,12 @@ def exponent(seconds: Mapping[int, float]) -> float:
     return float(slope)
 
 
-def add_scale(page: Page) -> None:
-    """Add reports of larger studies to a page, and the powers that time goes with."""
-    page.add("## Larger studies")
-    page.add(
+def scale(out: Path) -> Page:
+    """Time reports of larger studies, some twenty, and tell the powers that time goes with."""
+    page = Page(
+        "Reports of larger studies",
         "Ladders begin at 10 subjects and 5 environments with one trial of a cell, and one amount"
-        " grows. Studies are drawn from the prior."
+        " grows. Studies are drawn from the prior. Each report runs in a process of its own.",
     )
     rows: list[list[object]] = []
     powers = []
@@ -188,20 +188,21 @@ def add_scale(page: Page) -> None:
         seconds = {}
         for amount, kind in ladder.items():
             say(f"{amount} {what}")
-            cost, page_size = report_of(kind)
+            cost, json_size = report_of(kind)
             seconds[amount] = cost.processor
-            rows.append([f"{amount} {what}", "both", *astuple(cost), page_size])
+            rows.append([f"{amount} {what}", "both", *astuple(cost), json_size])
         powers.append(f"{what} to the power {exponent(seconds):.2f}")
     for size, (kind, method) in LARGE.items():
         say(size)
-        cost, page_size = report_of(kind, method)
-        rows.append([size, method, *astuple(cost), page_size])
-    page.table(["size", "method", "wall, s", "processor, s", "memory, MB", "page, MB"], rows)
+        cost, json_size = report_of(kind, method)
+        rows.append([size, method, *astuple(cost), json_size])
+    page.table(["size", "method", "wall, s", "processor, s", "memory, MB", "JSON, MB"], rows)
     page.add(f"Over the upper half of each ladder processor time goes with {', '.join(powers)}.")
+    return page
 
 
-def page(out: Path, *, rounds: int = 7, scale: bool = False) -> Page:
-    """Time whole commands on the published study, and reports of larger ones.
+def page(out: Path, *, rounds: int = 7) -> Page:
+    """Time whole commands on the published study.
 
     Parameters
     ----------
@@ -209,8 +210,6 @@ def page(out: Path, *, rounds: int = 7, scale: bool = False) -> Page:
         Folder of the page.
     rounds : int
         Runs of each command and scene.
-    scale : bool
-        Whether larger studies are analysed: some twenty reports.
 
     Returns
     -------
@@ -232,8 +231,6 @@ def page(out: Path, *, rounds: int = 7, scale: bool = False) -> Page:
     page.table(["command", "wall, s", "×", "processor, s", "×", "memory, MB"], rows)
     page.add("## What a scene saves that leaves something out")
     page.table(["without", "processor, s", "share", "memory, MB", "not imported"], skipping(rounds))
-    if scale:
-        add_scale(page)
     return page
 
 

@@ -16,18 +16,12 @@ from reports.measure import in_a_process
 from reports.page import Page, say
 from reports.studies import Observed
 
-_TWICE = Kind(16, 5, (2, 2), factors=("hand",))
-_OWN = Kind(12, 5, (3, 3), own_trial_sds=True)
+_FACTOR = Kind(16, 5, (3, 3), factors=("hand",))
 #: Drawn from the prior. Of those with subjects' own trial SDs a plain design is the same with one.
 FACTORS: Mapping[str, Kind] = {
-    "16x5x2, factor": _TWICE,
-    "16x5x2, factor and covariate": replace(_TWICE, covariate=True),
-    "40x6x2x2, factors and covariate": replace(
-        _TWICE, subjects=40, environments=6, factors=("hand", "load"), covariate=True
-    ),
-    "300x5x2, factor": replace(_TWICE, subjects=300),
-    "12x5x3, own trial SDs": _OWN,
-    "40x6x10, own trial SDs": replace(_OWN, subjects=40, environments=6, trials=(10, 10)),
+    "16x5x2x3, factor": _FACTOR,
+    "300x5x2x3, factor": replace(_FACTOR, subjects=300),
+    "40x6x10, own trial SDs": Kind(40, 6, (10, 10), own_trial_sds=True),
     **{name: kind for name, kind in KINDS.items() if kind.factors or kind.own_trial_sds},
 }
 STUDIES: Mapping[str, StudyDesign | Kind] = {**DESIGNS, **FACTORS}

@@ -13,8 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference import Moments
+from percept.inference.sampling.gate import Settings
+from percept.inference.sampling.run import sample
 from reports.benchmark import twins as twin
+from reports.benchmark.simulated import DESIGNS, simulated
 from reports.benchmark.twins import Levels, Number
+from reports.fitted import estimands_of
 from reports.page import Page
 from reports.studies import Observed, model_of
 
@@ -23,9 +27,14 @@ Array = NDArray[np.float64]
 _INTRODUCTION = """\
 The worst case of one quantity at one point, against exact arithmetic or 120 digits. What varies
 are data sets; subjects; variances in squared units of the response; 1 − correlation; an offset of
-all responses; floor(log10(ωT)), which is 1 at Nyquist. `digits` are decimal, at most 16: of the
-value, for log p of 1 + abs(log p), for haptics beyond what the formula's condition costs.
-`over promise` is the worst error over the promised one."""
+all responses; the coefficient of variation of subjects' adjustments; floor(log10(ωT)), which is 1
+at Nyquist. In irregular studies one subject lacks an environment. `digits` are decimal, at most 16:
+of the value, for log p of 1 + abs(log p), for haptics beyond what the formula's condition costs.
+`over promise` is the worst error over the promised one; it is inf where a draw is refused."""
+_SAMPLED = """\
+Two studies whose scatter is scaled to a coefficient of variation. Their draws lie where the table
+above keeps its digits. Half-widths over the coefficient of variation stay the same: no digits and
+no draws are missed."""
 _MOST_DIGITS = 16.0  # A double has no more
 
 
@@ -90,11 +99,9 @@ def moment_digits(*, seed: int = 1) -> list[Digits]:
     samples = {f"NumAcc{which}": number_accuracy(which)[0] for which in range(1, 5)}
     samples |= {
         "offset 1e15": 1e15 + random.normal(size=_SAMPLE),
-        "constant 0.1": np.full(_SAMPLE, 0.1),
         "denormal": np.asarray(5e-324 * random.integers(1, 1000, _SAMPLE)),
         "huge": 1e308 * random.uniform(-1.0, 1.0, _SAMPLE),
         "300 decades": random.normal(size=_SAMPLE) * 10.0 ** random.integers(-150, 150, _SAMPLE),
-        "1e300, 1, -1e300": np.array([1e300, 1.0, -1e300]),
     }
     rows = []
     for name, values in samples.items():
@@ -132,12 +139,18 @@ def _exact_sd(values: Array) -> float:
 # The hierarchical model's density
 
 _DENSITY_PROMISE = 1e-9  # Largest error per unit of 1 + abs(log p)
+#: The same of irregular studies, by normal equations: 1e-4 at abs(log p) of 100, which moves the
+#: posterior by as much.
+_IRREGULAR_PROMISE = 1e-6
 _ENVIRONMENTS = 2
 _TRIALS = 2
 _SUBJECTS = 3
+_STUDIES = ("6x3x3", "10x5-irregular")
 _ORDINARY = Levels(between=0.2, shared=0.1, trial=0.05, tau=0.1, rest=0.5)
 _TINY = Levels(between=1e-6, shared=1e-6, trial=1e-6, tau=1e-6, rest=0.5)
-_EXPONENTS = (-12, -8, -4, 0, 4, 8, 12)  # Of ten, of a variance
+_EXPONENTS = (-28, -20, -12, -4, 0, 4, 12)  # Of ten, of a variance
+_VARIATION = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 2e-7)
+_USUAL = 0.1  # SD of subjects' trials in simulated studies
 Formula: TypeAlias = Callable[[Array, Array, Levels], float]
 
 
@@ -148,17 +161,20 @@ class _Case:
     levels: Levels = _ORDINARY
     subjects: int = _SUBJECTS
     offset: float = 0.0
+    scatter: float = 0.3  # SD of responses about their environment's
+    irregular: bool = False
 
 
 def collapsed(response: Array, x: Array, levels: Levels) -> float:
     """Return percept's log density of responses (subjects, environments, trials, parameters)."""
-    *shape, size = response.shape
-    subject, environment, _ = np.indices(shape).reshape(3, -1)
-    trials = response.reshape(-1, size)
-    model = model_of(Observed(("k", "b"), trials, subject, environment, np.arange(shape[1]), x))
+    _, environments, _, size = response.shape
+    is_there = np.isfinite(response[..., 0])
+    subject, environment, _ = np.nonzero(is_there)
+    cells = np.arange(environments)
+    model = model_of(Observed(("k", "b"), response[is_there], subject, environment, cells, x))
     named = {
-        "sigma": np.full((size, shape[1], 1), levels.between),
-        "sigma_e": np.full((size, shape[1], 1), levels.trial),
+        "sigma": np.full((size, environments, 1), levels.between),
+        "sigma_e": np.full((size, environments, 1), levels.trial),
         "sigma_u": np.full((size, 1), levels.shared),
         "tau": np.full((size, 1), levels.tau),
     }
@@ -199,15 +215,28 @@ def density_digits(
             continue
         errors = []
         for _ in range(draws):
+            location = case.offset + 0.1 * rng.standard_normal((_ENVIRONMENTS, 1, 2))
             noise = rng.standard_normal((case.subjects, _ENVIRONMENTS, _TRIALS, 2))
-            response = case.offset + 0.3 * noise
+            response = location + case.scatter * noise
+            if case.irregular:
+                response[0, -1] = np.nan
             exact = twin.exact(response, x, case.levels)
             errors.append(_density_error(formula(response, x, case.levels), exact))
-        rows.append(digits_row("log density", case.along, case.at, errors, _DENSITY_PROMISE))
+        promise = _IRREGULAR_PROMISE if case.irregular else _DENSITY_PROMISE
+        rows.append(digits_row("log density", case.along, case.at, errors, promise))
     return rows
 
 
 def _cases() -> Iterator[_Case]:
+    for case in _regular_cases():
+        yield case
+        yield replace(case, along=f"{case.along}, irregular", irregular=True)
+
+
+def _regular_cases() -> Iterator[_Case]:
+    for cv in _VARIATION:
+        levels = Levels(between=cv, shared=cv, trial=cv, tau=0.1, rest=0.5)
+        yield _Case("coefficient of variation", cv, levels, scatter=cv)
     sds = [10.0 ** (exponent / 2) for exponent in _EXPONENTS]
     for sd in sds:
         yield _Case("all variances", sd**2, Levels(sd, sd, sd, sd, 0.5))
@@ -251,4 +280,24 @@ def page(out: Path, *, cases: int = 2000) -> Page:
     page = Page("Digits", _INTRODUCTION, right=max(row.over_promise for row in rows) <= 1.0)
     heads = ["quantity", "along", "at", "cases", "digits", "over promise"]
     page.table(heads, [astuple(row) for row in rows])
+    page.add("## Sampled studies")
+    page.add(_SAMPLED)
+    heads = ["study", "coefficient of variation", "passed", "least variance"]
+    sampled = [_sampled(name, cv) for name in _STUDIES for cv in _VARIATION]
+    page.table([*heads, "least 1 − abs(correlation)", "half-width over CV"], sampled)
     return page
+
+
+def _sampled(name: str, cv: float) -> list[object]:
+    """Fit a study with its scatter scaled, and return a row of what its draws are."""
+    study = simulated(DESIGNS[name], 1)
+    location = _USUAL * np.random.default_rng(1).standard_normal(study.x.shape)
+    response = location[:, study.cell].T + cv / _USUAL * study.response
+    estimands = estimands_of(replace(study, response=response))
+    model = estimands.model
+    run = sample(model, estimands, Settings(tolerance=0.01, seed=1))
+    scales = model.scales(run.points.reshape(-1, len(model.names)))
+    sds = [values.min() for scale, (_, values) in scales.items() if scale[:3] in ("sig", "tau")]
+    sizes = [abs(values).max() for scale, (_, values) in scales.items() if scale[:3] == "rho"]
+    least = float(min(sds)) ** 2, float(1.0 - max(sizes))
+    return [name, cv, run.gate.passed, *least, float(np.median(run.estimates.scale)) / cv]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,6 @@ from statistics import median
 from typing import Any, TypeAlias
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from percept.errors import UsageError
 from reports.benchmark.reference import (
@@ -215,7 +214,7 @@ def page(
     Parameters
     ----------
     out : Path
-        Folder of the page and its figures.
+        Folder of the page.
     studies, engines : tuple of str
         What is compared.
     seconds : float
@@ -241,24 +240,21 @@ def page(
             runs, _ = in_a_process(runs_of, engine, study, budgets, seconds, time.time())
             by_study[study][engine] = measured(study, engine, runs, reference)
     missing = [ENGINES[name].title for name in engines if name not in installed]
-    return written(by_study, out, missing)
+    return written(by_study, missing)
 
 
-def written(
-    by_study: dict[str, dict[str, list[Measured]]], out: Path, missing: Sequence[str] = ()
-) -> Page:
-    """Write what was measured as a page, and draw its figures into a folder."""
+def written(by_study: dict[str, dict[str, list[Measured]]], missing: Sequence[str] = ()) -> Page:
+    """Write what was measured as a page."""
     page = Page("Run time against error", _INTRODUCTION)
     if missing:
         page.add(
             f"Not installed, and left out: {', '.join(missing)}."
             " `pip install 'percept-haptics[peers]'` installs what they need."
         )
+    page.add("\n".join(f"- {study}: {STUDIES[study]}." for study in by_study))
     reached = []
     rows = []
     for study, groups in by_study.items():
-        says = f"{study}: {STUDIES.get(study, study)}. Left and down is better."
-        page.figure(out, f"time-{study.replace(' ', '-')}", figure(groups.values()), says)
         for engine, group in groups.items():
             ours = None if engine == _OURS else groups.get(_OURS)
             reached.append([study, ENGINES[engine].title, *time_cells(group, ours)])
@@ -276,17 +272,3 @@ def written(
         " nutpie's agreement checks them by another density and another sampler."
     )
     return page
-
-
-def figure(groups: Iterable[Sequence[Measured]]) -> Figure:
-    """Draw time over error, a line for each engine."""
-    drawn = Figure(figsize=(6.7, 4.6), layout="constrained")
-    ax = drawn.add_subplot()
-    for rows in groups:
-        errors = [100.0 * row.error for row in rows]
-        label = ENGINES[rows[0].engine].title
-        ax.loglog(errors, [row.warm for row in rows], marker="o", label=label)
-    ax.set_xlabel("error of the limits (% of half-width)")
-    ax.set_ylabel("time (s)")
-    ax.legend()
-    return drawn

@@ -27,7 +27,7 @@ _NOTHING = 1e-50
 _EVERYTHING = 1e50
 
 
-# The density. Every subject sees every environment equally often, and adjusts two parameters.
+# The density. Subjects adjust two parameters.
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,10 @@ class Levels:
 
 
 def exact(response: Array, x: Array, levels: Levels) -> Number:
-    """Evaluate the log density in `DIGITS` digits, by one covariance of all responses."""
+    """Evaluate the log density in `DIGITS` digits, by one covariance of all responses but NaN."""
     import mpmath
 
-    rows = list(np.ndindex(response.shape))
+    rows = np.argwhere(np.isfinite(response)).tolist()
     with mpmath.workdps(DIGITS):
         number = mpmath.mpf
         covariance = mpmath.matrix(len(rows), len(rows))
@@ -65,7 +65,7 @@ def exact(response: Array, x: Array, levels: Levels) -> Number:
                     value += number(_ALPHA_SD) ** 2 + number(_GAMMA_SD) ** 2 * trend
                     value += number(levels.tau) ** 2 * (j == h)
                 covariance[row, column] = value
-        values = mpmath.matrix(response.ravel().tolist())
+        values = mpmath.matrix(response[np.isfinite(response)].tolist())
         distance = (values.T * mpmath.lu_solve(covariance, values))[0]
         constant = len(rows) * mpmath.log(2 * mpmath.pi)
         return -(distance + mpmath.log(mpmath.det(covariance)) + constant) / 2
@@ -224,23 +224,12 @@ direct = _perceived(rigid, hold_average, environment)
 direct_flexible_true = _perceived(flexible, hold_true, environment)
 coupled = _perceived(rigid, hold_average, effective)
 coupled_backward = _perceived(rigid, hold_average, _effective_backward)
-direct_late = _perceived(flexible, late(hold_average), environment)
-coupled_late_true = _perceived(rigid, late(hold_true), effective)
 
 
 def magnitude(p: Point) -> Number:
     """abs(Z_h) with a negative stiffness and a negative damping, as limits may be."""
-    return _magnitude(p, hold_average)
-
-
-def magnitude_late(p: Point) -> Number:
-    """Return the same with a delay."""
-    return _magnitude(p, late(hold_average))
-
-
-def _magnitude(p: Point, zoh: Formula) -> Number:
     z_e = p.m_e * p.s - p.b_e - p.k_e / p.s
-    return abs(rigid(p) + zoh(p) * z_e)
+    return abs(rigid(p) + hold_average(p) * z_e)
 
 
 def box_lower(p: Point) -> Number:
