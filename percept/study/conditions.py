@@ -121,9 +121,9 @@ def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:
         carry.
     """
     columns = list(dict.fromkeys(name for term in scene.terms for name in term))
-    factors: list[str] = []
-    covariates: list[str] = []
-    between: set[str] = set()
+    factors = []
+    covariates = []
+    between = set()
     for column in columns:
         refuse_gaps(sessions, column)
         values = pd.to_numeric(sessions.table[column], errors="coerce")
@@ -161,14 +161,11 @@ def _named(
     if formula is None:
         return tuple(by_default)
     key = f"model.{setting}"
-    names = []
-    for term in terms_of(formula, key=key):
-        (name, *others) = term
-        if others or name not in factors:
+    names = [" : ".join(term) for term in terms_of(formula, key=key)]
+    for name in names:
+        if name not in factors:
             hint = f"Factors of [model] bias are {', '.join(factors) or 'none'}."
-            message = "is no factor of the model."
-            raise UsageError(message, key=key, value=" : ".join(term), hint=hint)
-        names.append(name)
+            raise UsageError("is no factor of the model.", key=key, value=name, hint=hint)
     return tuple(names)
 
 
@@ -180,20 +177,20 @@ def _refuse_aliases(sessions: Sessions, conditions: Conditions) -> None:
         cells = sessions.factors.cells
         environments = environments.map({cell: name for cell, (name, _) in cells.items()})
     columns = pd.get_dummies(environments, dtype=float).to_numpy()
-    rank = np.linalg.matrix_rank(columns)
-    for term in [*conditions.terms, *((name,) for name in conditions.covariates)]:
+    terms: list[Term] = [*conditions.terms, *((name,) for name in conditions.covariates)]
+    for term in terms:
+        added = table[list(term)]
         if term[0] in conditions.covariates:
-            added = in_sds(table[list(term)].astype(float))
+            of_term = in_sds(added.astype(float))
         else:
-            joint = table[list(term)].astype(str).agg(":".join, axis=1)
-            added = pd.get_dummies(joint, dtype=float).to_numpy()
-        columns = np.hstack([columns, added])
-        larger = int(np.linalg.matrix_rank(columns))
-        if larger == rank:
+            joint = added.astype(str).agg(":".join, axis=1)
+            of_term = pd.get_dummies(joint, dtype=float).to_numpy()
+        rank = np.linalg.matrix_rank(columns)
+        columns = np.hstack([columns, of_term])
+        if np.linalg.matrix_rank(columns) == rank:
             message = "says nothing that the environments and the other terms do not say."
             hint = "Leave it out of [model] bias."
             raise UsageError(message, key="model.bias", value=" : ".join(term), hint=hint)
-        rank = larger
 
 
 def in_sds(covariates: pd.DataFrame) -> Array:

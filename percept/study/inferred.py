@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
@@ -105,6 +106,15 @@ class Inferred:
             found += self._skipped.get(part, [])
         return tuple(dict.fromkeys(found))
 
+    def _by_methods(
+        self, classical: Callable[[Data], Iterable[T]], posterior: Callable[[Fit], Iterable[T]]
+    ) -> Iterator[T]:
+        """Yield what the methods say that are asked for, the Bayesian one of a fit that passed."""
+        if self.data.asked.method != "bayesian":
+            yield from classical(self.data)
+        if self.passed is not None:
+            yield from posterior(self.passed)
+
     @cached_property
     def interval_rows(self) -> tuple[IntervalRow, ...]:
         """Intervals of every method, kind and family."""
@@ -144,14 +154,8 @@ class Inferred:
     @cached_property
     def psychophysics_rows(self) -> tuple[PsychophysicsRow, ...]:
         """Points of equality, thresholds, spreads and reliability, in the scene's family."""
-        return self._kept("psychophysics_rows", self._psychophysics())
-
-    def _psychophysics(self) -> Iterator[PsychophysicsRow | Skipped]:
-        yield from absent_jnds(self.data)
-        if self.data.asked.method != "bayesian":
-            yield from classical_psychophysics(self.data)
-        if self.passed is not None:
-            yield from posterior_psychophysics(self.passed)
+        rows = self._by_methods(classical_psychophysics, posterior_psychophysics)
+        return self._kept("psychophysics_rows", itertools.chain(absent_jnds(self.data), rows))
 
     @property
     def psychophysics(self) -> pd.DataFrame:
@@ -161,13 +165,8 @@ class Inferred:
     @cached_property
     def equivalence_rows(self) -> tuple[EquivalenceRow, ...]:
         """Whether biases are smaller than one JND; empty without a JND."""
-        return self._kept("equivalence_rows", self._equivalence())
-
-    def _equivalence(self) -> Iterator[EquivalenceRow | Skipped]:
-        if self.data.asked.method != "bayesian":
-            yield from classical_equivalence(self.data)
-        if self.passed is not None:
-            yield from posterior_equivalence(self.passed)
+        rows = self._by_methods(classical_equivalence, posterior_equivalence)
+        return self._kept("equivalence_rows", rows)
 
     @property
     def equivalence(self) -> pd.DataFrame:
@@ -177,15 +176,8 @@ class Inferred:
     @cached_property
     def contrast_rows(self) -> tuple[ContrastRow, ...]:
         """Contrasts of the model's terms; empty without factors and covariates."""
-        if not self.scene.terms:
-            return ()
-        return self._kept("contrast_rows", self._contrasts())
-
-    def _contrasts(self) -> Iterator[ContrastRow | Skipped]:
-        if self.data.asked.method != "bayesian":
-            yield from classical_contrasts(self.data)
-        if self.passed is not None:
-            yield from posterior_contrasts(self.passed)
+        rows = self._by_methods(classical_contrasts, posterior_contrasts)
+        return self._kept("contrast_rows", rows)
 
     @property
     def contrasts(self) -> pd.DataFrame:

@@ -222,7 +222,7 @@ def _unpooled(data: Data) -> Prepared:
         scale=ResponseScale(log, np.exp(mean) if log else mean, sd),
         counts=counts,
         repeats=any(cell.repeats for cell in moments.values()),
-        contrasts=None,
+        contrasts=None if data.scene.terms else (),
     )
 
 
