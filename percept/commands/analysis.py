@@ -185,7 +185,7 @@ def verdict(study: Study) -> int:
     """Tell what the gate withholds, or the error it lets pass; return the exit code."""
     fit = study.fit
     if fit is None and study.scene.inference.method != "classical":
-        why = "; ".join(part.why for part in study.skipped_of("fit"))
+        why = "; ".join(part.why for part in study.skipped_of("prepared"))
         lacking = f"there are no Bayesian intervals: {why}"
     elif fit is not None and not fit.run.gate.passed:
         lacking = f"Bayesian intervals are withheld: {fit.withheld}"

@@ -181,7 +181,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     pairs = study.comparison
     ladder = study.ladder
     if not pairs or ladder is None:
-        skipped = study.skipped_of("fit", "interval_rows")
+        skipped = study.skipped_of("prepared", "interval_rows")
         whys = [part.why for part in skipped if part.what == "Bayesian intervals"]
         hint = "; ".join(whys) or "percept fit prints what intervals there are."
         raise RefusalError("no interval of one method has a counterpart in the other.", hint=hint)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -39,7 +39,7 @@ from percept.study.boundaries import (
 )
 from percept.study.data import Data
 from percept.study.device import Setup, device_of, referenced, setup_of, study_coupling
-from percept.study.inferred import Inferred
+from percept.study.inferred import Inferred, part
 from percept.study.maps import coupling_map, no_coupling_map, no_other_devices, other_devices
 from percept.study.regions import (
     Drawn,
@@ -76,10 +76,10 @@ class Displayed(Inferred):
         """The scene's device; None without one."""
         return device_of(self.scene)
 
-    @cached_property
-    def with_reference(self) -> tuple[str, ...]:
+    @part
+    def with_reference(self) -> Iterator[str | Skipped]:
         """Environments with a reference of stiffness and damping, which curves are drawn for."""
-        return self._kept("with_reference", referenced(self.data))
+        return referenced(self.data)
 
     @property
     def _shown(self) -> tuple[str, ...]:
@@ -89,22 +89,21 @@ class Displayed(Inferred):
     @property
     def setup(self) -> Setup | None:
         """Device, coupling and references of curves; None without device or reference."""
-        found = self._device_and_coupling
-        return found if found is not None and found.references else None
+        return next((setup for setup in self.setups if setup.references), None)
 
-    @cached_property
-    def _device_and_coupling(self) -> Setup | None:
-        """The same, also where no environment has a reference of both quantities."""
+    @part
+    def setups(self) -> Iterator[Setup | Skipped]:
+        """The same, also where no environment has a reference of both quantities; one at most."""
         shown = {}
         for name in self.with_reference:
             stiffness, damping = (self.data.reference[p, name] for p in ("k", "b"))
             shown[name] = haptics.Environment(stiffness, damping, self.sessions.masses[name])
-        return next(iter(self._kept("setup", setup_of(self.scene, self.device, shown))), None)
+        return setup_of(self.scene, self.device, shown)
 
-    @cached_property
-    def pairs(self) -> tuple[SubjectPairs, ...]:
+    @part
+    def pairs(self) -> Iterator[SubjectPairs | Skipped]:
         """Stiffness and damping of each subject, by environment and family."""
-        return self._kept("pairs", subject_pairs(self.data))
+        return subject_pairs(self.data)
 
     @cached_property
     def curve_laws(self) -> tuple[Law, ...]:
@@ -183,17 +182,16 @@ class Displayed(Inferred):
         # Without a coupling its column is empty, and still of numbers.
         return pd.concat(tables, ignore_index=True).astype({"coupled": float})
 
-    @cached_property
-    def zoom_windows(self) -> dict[str, tuple[float, float]]:
-        """Window of omega, rad/s, that the scene asks to look at closely, by environment."""
-        names = self.data.environments if self.with_reference else ()
-        return dict(self._kept("zoom_windows", zoom_windows(self.scene, names)))
+    @part
+    def zoom_windows(self) -> Iterator[tuple[str, tuple[float, float]] | Skipped]:
+        """Environments, and windows of omega, rad/s, that the scene asks to look at closely."""
+        return zoom_windows(self.scene, self.data.environments if self.with_reference else ())
 
     @property
     def zoom(self) -> dict[str, tuple[float, float]]:
         """Windows of the environments that have boundaries."""
         drawn = self.with_reference if self._drawing is not None else ()
-        return {name: window for name, window in self.zoom_windows.items() if name in drawn}
+        return {name: window for name, window in self.zoom_windows if name in drawn}
 
     @cached_property
     def close(self) -> tuple[Boundary, ...]:
@@ -211,11 +209,11 @@ class Displayed(Inferred):
         kinds = self.data.asked.kinds
         return "user" if "user" in kinds else kinds[0]
 
-    @cached_property
-    def banded(self) -> tuple[Banded, ...]:
+    @part
+    def banded(self) -> Iterator[Banded | Skipped]:
         """What bands are set against: environments' impedance, or quantities' references."""
         names = self.with_reference if self.data.is_impedance else self.data.environments
-        return self._kept("banded", with_band(self.data, names))
+        return with_band(self.data, names)
 
     @cached_property
     def band(self) -> Band | None:
@@ -238,7 +236,7 @@ class Displayed(Inferred):
     @cached_property
     def coupling_row(self) -> Coupling | None:
         """The coupling by the paper, Eq. 10 and its rule; None without device and coupling."""
-        setup = self._device_and_coupling
+        setup = next(iter(self.setups), None)
         if setup is None or setup.coupling is None:
             return None
         return study_coupling(setup, self.regions, self.data.asked.family, self.scene.frequency)
@@ -309,18 +307,16 @@ class Displayed(Inferred):
         except RefusalError:
             return ()
 
-    @cached_property
-    def without_maps(self) -> tuple[object, ...]:
+    @part
+    def without_maps(self) -> Iterator[Skipped | None]:
         """Note why there is no map of couplings, or of devices, and which there are."""
-        found: list[Skipped | None] = []
         if others := len(self.with_reference) - len(self._shown):
             what = f"curves and couplings of {counted(others, 'more environment')}"
-            found.append(Skipped(what, "Study.boundaries_at draws curves of any"))
+            yield Skipped(what, "Study.boundaries_at draws curves of any")
         if self.setup is not None:
-            found.append(no_other_devices(self.setup, self.map_users))
+            yield no_other_devices(self.setup, self.map_users)
             if self.setup.coupling is not None:
-                found.append(no_coupling_map(self.setup, self.map_users))
-        return self._kept("without_maps", found)
+                yield no_coupling_map(self.setup, self.map_users)
 
     @cached_property
     def coupling_map(self) -> AdmissibleCouplings | None:

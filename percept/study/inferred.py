@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Iterator
-from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from functools import cached_property, wraps
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -47,9 +46,27 @@ if TYPE_CHECKING:
 
     from percept.inference.sampling.gate import Progress
     from percept.study.fit import Fit, RunStore
+    from percept.study.prepare import Prepared
 
 
 T = TypeVar("T")
+
+
+def part(found: Callable[[Any], Iterable[T | Skipped]]) -> cached_property[tuple[T, ...]]:
+    """Keep what a method yields as a part of a study, and note what it skips under its name."""
+
+    @wraps(found)
+    def kept(study: Inferred) -> tuple[T, ...]:
+        rows = []
+        study.skipped_by_part[found.__name__] = []
+        for one in found(study):
+            if isinstance(one, Skipped):
+                study.skipped_by_part[found.__name__].append(one)
+            else:
+                rows.append(one)
+        return tuple(rows)
+
+    return cached_property(kept)
 
 
 class Inferred:
@@ -74,7 +91,8 @@ class Inferred:
         self.data = data
         self.progress = progress
         self.store = store
-        self._skipped: dict[str, list[Skipped]] = {}
+        #: What is noted when a part is computed, by its name.
+        self.skipped_by_part: dict[str, list[Skipped]] = {}
 
     @property
     def sessions(self) -> Sessions:
@@ -86,24 +104,12 @@ class Inferred:
         """What is analysed."""
         return self.data.scene
 
-    def _kept(self, part: str, found: Iterable[T | Skipped]) -> tuple[T, ...]:
-        """Keep what was computed, and note what was skipped under the name of its part."""
-        kept = []
-        self._skipped[part] = []
-        for one in found:
-            if isinstance(one, Skipped):
-                self._skipped[part].append(one)
-            else:
-                kept.append(one)
-        return tuple(kept)
-
     def skipped_of(self, *parts: str) -> tuple[Skipped, ...]:
         """Return what some parts skip, and why."""
         found: list[Skipped] = []
-        for part in parts:
-            # A part notes what it skips when it is computed.
-            getattr(self, part)
-            found += self._skipped.get(part, [])
+        for name in parts:
+            getattr(self, name)
+            found += self.skipped_by_part.get(name, [])
         return tuple(dict.fromkeys(found))
 
     def _by_methods(
@@ -115,12 +121,9 @@ class Inferred:
         if self.passed is not None:
             yield from posterior(self.passed)
 
-    @cached_property
-    def interval_rows(self) -> tuple[IntervalRow, ...]:
+    @part
+    def interval_rows(self) -> Iterator[IntervalRow | Skipped]:
         """Intervals of every method, kind and family."""
-        return self._kept("interval_rows", self._intervals())
-
-    def _intervals(self) -> Iterator[IntervalRow | Skipped]:
         if self.data.asked.method != "bayesian":
             if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)
@@ -151,33 +154,31 @@ class Inferred:
             return None
         return tuple(method_pairs(self.interval_rows))
 
-    @cached_property
-    def psychophysics_rows(self) -> tuple[PsychophysicsRow, ...]:
+    @part
+    def psychophysics_rows(self) -> Iterator[PsychophysicsRow | Skipped]:
         """Points of equality, thresholds, spreads and reliability, in the scene's family."""
-        rows = self._by_methods(classical_psychophysics, posterior_psychophysics)
-        return self._kept("psychophysics_rows", itertools.chain(absent_jnds(self.data), rows))
+        yield from absent_jnds(self.data)
+        yield from self._by_methods(classical_psychophysics, posterior_psychophysics)
 
     @property
     def psychophysics(self) -> pd.DataFrame:
         """Points of equality, thresholds, spreads and reliability, one row each."""
         return pd.DataFrame(self.psychophysics_rows)
 
-    @cached_property
-    def equivalence_rows(self) -> tuple[EquivalenceRow, ...]:
+    @part
+    def equivalence_rows(self) -> Iterator[EquivalenceRow | Skipped]:
         """Whether biases are smaller than one JND; empty without a JND."""
-        rows = self._by_methods(classical_equivalence, posterior_equivalence)
-        return self._kept("equivalence_rows", rows)
+        return self._by_methods(classical_equivalence, posterior_equivalence)
 
     @property
     def equivalence(self) -> pd.DataFrame:
         """Whether each bias is smaller than the JND of `[study] jnd`; empty without one."""
         return pd.DataFrame(self.equivalence_rows)
 
-    @cached_property
-    def contrast_rows(self) -> tuple[ContrastRow, ...]:
+    @part
+    def contrast_rows(self) -> Iterator[ContrastRow | Skipped]:
         """Contrasts of the model's terms; empty without factors and covariates."""
-        rows = self._by_methods(classical_contrasts, posterior_contrasts)
-        return self._kept("contrast_rows", rows)
+        return self._by_methods(classical_contrasts, posterior_contrasts)
 
     @property
     def contrasts(self) -> pd.DataFrame:
@@ -195,23 +196,27 @@ class Inferred:
         """What the subjects set at every level of the factors."""
         return tuple(level_values(self.data))
 
-    @cached_property
-    def anova(self) -> tuple[AnovaRow, ...]:
+    @part
+    def anova(self) -> Iterator[AnovaRow | Skipped]:
         """The analysis of variance of the model's terms."""
-        return self._kept("anova", anova_rows(self.data))
+        return anova_rows(self.data)
+
+    @part
+    def prepared(self) -> Iterator[Prepared | Skipped]:
+        """The hierarchical model; empty where not asked for, or beyond the data."""
+        if self.data.asked.method != "classical":
+            from percept.study.prepare import prepared_beside
+
+            yield prepared_beside(self.data)
 
     @cached_property
     def fit(self) -> Fit | None:
         """The sampled hierarchical model; None where not asked for, or beyond the data."""
-        if self.data.asked.method == "classical":
+        if not self.prepared:
             return None
         from percept.study.fit import fitted
-        from percept.study.prepare import prepared_beside
 
-        found = self._kept("fit", [prepared_beside(self.data)])
-        if not found:
-            return None
-        return fitted(found[0], progress=self.progress, store=self.store)
+        return fitted(self.prepared[0], progress=self.progress, store=self.store)
 
     @property
     def passed(self) -> Fit | None:
@@ -236,21 +241,23 @@ class Inferred:
 
         return netcdf(self.passed, seed=self.data.asked.seed)
 
-    @cached_property
+    @part
+    def checked(self) -> Iterator[Checks | Skipped]:
+        """Checks of a passed fit that pools sessions, where the scene asks for them."""
+        if self.scene.checks is not None and self.passed is not None:
+            from percept.study.checks import model_checks
+
+            yield model_checks(self.passed)
+
+    @property
     def checks(self) -> Checks | None:
         """Tests of normality, and checks of a passed fit that pools sessions.
 
         None where the scene does not ask for checks, and without sessions.
         """
-        if self.scene.checks is None:
-            return None
-        if self.passed is not None:
-            from percept.study.checks import model_checks
-
-            for found in self._kept("checks", [model_checks(self.passed)]):
-                return found
-        normality = self.data.normality
-        return Checks(normality=normality) if normality else None
+        normality = self.data.normality if self.scene.checks is not None else ()
+        alone = Checks(normality=normality) if normality else None
+        return next(iter(self.checked), alone)
 
     @cached_property
     def ladder(self) -> Ladder | None:

@@ -96,7 +96,7 @@ def bayesian_rows(
 def _row(data: Data, interval: Interval, cell: tuple[str, str], reference: float) -> IntervalRow:
     """Make a row of an interval in a cell, (parameter, environment)."""
     parameter, environment = cell
-    fields = interval.as_dict()
+    fields = {name: getattr(interval, name) for name in ROW}
     fields["covers"] = interval.covers_of(*data.scene.user_noun)
     return IntervalRow(
         environment=environment,
