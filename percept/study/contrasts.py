@@ -91,8 +91,7 @@ def contrast_row(
     asked = data.asked
     numbers = np.concatenate([ends, together])
     if unit is None and not contrast.is_ratio:
-        numbers = data.differences(contrast.parameter, numbers)
-        unit = data.unit_of_differences(contrast.parameter)
+        numbers, unit = data.differences(contrast.parameter, numbers)
     lower, upper, estimate, lower_together, upper_together = numbers.tolist()
     further: Any = {name: getattr(contrast, name) for name in _SAME} | evidence
     return ContrastRow(
@@ -360,7 +359,7 @@ def level_values(data: Data) -> Iterator[LevelValues]:
     for parameter, trials, cells in _with_means(data):
         for *at_references, overall in level_means(data, trials, parameter):
             for mean in (dataclasses.replace(overall, environment=None), *at_references):
-                values = data.differences(parameter, cells.at_level(mean))
+                values, _ = data.differences(parameter, cells.at_level(mean))
                 yield LevelValues(
                     factor=mean.factor,
                     level=mean.second,

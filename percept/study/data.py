@@ -124,23 +124,20 @@ class Data:
         """Whether a reference is zero or negative, so that settings are compared by differences."""
         return any(self.reference[parameter, name] <= 0.0 for name in self.environments)
 
-    def differences(self, parameter: str, responses: ArrayLike) -> Array:
-        """Differences of responses in `unit_of_differences`; ratios in the lognormal family."""
+    def differences(self, parameter: str, responses: ArrayLike) -> tuple[Array, str]:
+        """Differences of responses, and their unit.
+
+        They are ratios in the lognormal family; else parts of the references, or in the quantity's
+        unit.
+        """
         values = np.asarray(responses, dtype=float)
         if self.asked.family == "lognormal":
             with np.errstate(over="ignore"):
-                return np.exp(values)
+                return np.exp(values), ""
         if self.by_difference(parameter):
-            return values * self.scene.model.scale.get(parameter, 1.0)
-        return values
-
-    def unit_of_differences(self, parameter: str) -> str:
-        """Name the unit of differences: empty for ratios, "references" for parts of these."""
-        if self.asked.family == "lognormal":
-            return ""
-        if self.by_difference(parameter):
-            return self.quantities[parameter].unit or "units"
-        return "references"
+            unit = self.quantities[parameter].unit or "units"
+            return values * self.scene.model.scale.get(parameter, 1.0), unit
+        return values, "references"
 
     @cached_property
     def conditions(self) -> Conditions:
@@ -188,17 +185,38 @@ class Data:
         return {family: [self._cell(*cell, family) for cell in cells] for family in FAMILIES}
 
     def _cell(self, parameter: str, environment: str, family: Family) -> Cell:
-        """Make a cell of its moments, or of why there are none, such as no scatter."""
+        """Make a cell of its moments, or of why there are none."""
         quantity = self.quantities[parameter]
+        try:
+            moments = self._moments(parameter, environment, family)
+        except RefusalError as refused:
+            return Cell(quantity, environment, None, refused.message)
+        return Cell(quantity, environment, moments)
+
+    def _moments(self, parameter: str, environment: str, family: Family) -> Moments:
+        """Moments of published limits, or of the subjects' means; RefusalError without scatter."""
+        log = family == "lognormal"
         if self.sessions.form == "summary":
-            moments_or_why = _published_moments(self.tables[environment], parameter, family)
+            table = self.tables[environment]
+            row = table[table["parameter"] == parameter]
+            if row.empty:
+                raise RefusalError("it was not published")
+            (lower, upper, n, level) = row[["lower", "upper", "n", "level"]].iloc[0].tolist()
+            moments = Moments.from_limits(lower, upper, int(n), level=level)
+            if log and np.any(moments.mean <= 0):
+                raise RefusalError("the published mean is zero or negative")
         else:
-            moments_or_why = _moments_of_subjects(*self.adjusted(environment, (parameter,)), family)
-        if isinstance(moments_or_why, str):
-            return Cell(quantity, environment, None, moments_or_why)
-        if np.all(moments_or_why.sd == 0):
-            return Cell(quantity, environment, None, "all subjects made the same adjustments")
-        return Cell(quantity, environment, moments_or_why)
+            subjects, adjusted = self.adjusted(environment, (parameter,))
+            if len(set(subjects.tolist())) < 2:
+                raise RefusalError("it has fewer than two subjects")
+            if log and np.any(adjusted <= 0):
+                raise RefusalError("a value is zero or negative")
+            means = subject_means(adjusted[:, 0], subjects, family=family)
+            repeats = len(subjects) > len(means)
+            moments = Moments.from_values(means, log=log, repeats=repeats)
+        if np.all(moments.sd == 0):
+            raise RefusalError("all subjects made the same adjustments")
+        return moments
 
     def moments(self, family: Family) -> dict[tuple[str, str], Moments]:
         """Moments on a family's scale, of the cells that have some, by (parameter, environment)."""
@@ -219,30 +237,6 @@ class Data:
                 test = check_normality(means[:, 0], family=family)
                 tests.append(NormalityTest(environment, parameter, **vars(test)))
         return tuple(tests)
-
-
-def _moments_of_subjects(subjects: _Names, adjusted: Array, family: Family) -> Moments | str:
-    """Moments of the subjects' means of one parameter, or why there are none."""
-    if len(set(subjects.tolist())) < 2:
-        return "it has fewer than two subjects"
-    if family == "lognormal" and np.any(adjusted <= 0):
-        return "a value is zero or negative"
-    means = subject_means(adjusted[:, 0], subjects, family=family)
-    repeats = len(subjects) > len(means)
-    return Moments.from_values(means, log=family == "lognormal", repeats=repeats)
-
-
-def _published_moments(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
-    """Moments of a cell of published limits, or why there are none."""
-    row = table[table["parameter"] == parameter]
-    if row.empty:
-        return "it was not published"
-    limits = row.iloc[0]
-    level = float(limits["level"])
-    moments = Moments.from_limits(limits["lower"], limits["upper"], int(limits["n"]), level=level)
-    if family == "lognormal" and np.any(moments.mean <= 0):
-        return "the published mean is zero or negative"
-    return moments
 
 
 def what_was_read(data: Data) -> results.Data:

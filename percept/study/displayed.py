@@ -89,10 +89,10 @@ class Displayed(Inferred):
     @property
     def setup(self) -> Setup | None:
         """Device, coupling and references of curves; None without device or reference."""
-        return next((setup for setup in self.setups if setup.references), None)
+        return next((setup for setup in self._setups if setup.references), None)
 
     @part
-    def setups(self) -> Iterator[Setup | Skipped]:
+    def _setups(self) -> Iterator[Setup | Skipped]:
         """The same, also where no environment has a reference of both quantities; one at most."""
         shown = {}
         for name in self.with_reference:
@@ -236,7 +236,7 @@ class Displayed(Inferred):
     @cached_property
     def coupling_row(self) -> Coupling | None:
         """The coupling by the paper, Eq. 10 and its rule; None without device and coupling."""
-        setup = next(iter(self.setups), None)
+        setup = next(iter(self._setups), None)
         if setup is None or setup.coupling is None:
             return None
         return study_coupling(setup, self.regions, self.data.asked.family, self.scene.frequency)

@@ -242,7 +242,7 @@ class Inferred:
         return netcdf(self.passed, seed=self.data.asked.seed)
 
     @part
-    def checked(self) -> Iterator[Checks | Skipped]:
+    def _checked(self) -> Iterator[Checks | Skipped]:
         """Checks of a passed fit that pools sessions, where the scene asks for them."""
         if self.scene.checks is not None and self.passed is not None:
             from percept.study.checks import model_checks
@@ -257,7 +257,7 @@ class Inferred:
         """
         normality = self.data.normality if self.scene.checks is not None else ()
         alone = Checks(normality=normality) if normality else None
-        return next(iter(self.checked), alone)
+        return next(iter(self._checked), alone)
 
     @cached_property
     def ladder(self) -> Ladder | None:

@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -46,8 +46,6 @@ _SLASH = "\N{DIVISION SLASH}"
 
 #: Entries of dimensions, by the name of the coordinate: its dimension, and texts.
 Labels = dict[str, tuple[str, Sequence[str]]]
-#: Axes of variables, by the name of their dimension.
-Axes = dict[str, list[tuple[h5py.Dataset, int]]]
 
 _NAMES = resources.files("percept.study").joinpath("posterior.toml")
 
@@ -94,7 +92,6 @@ def netcdf(fit: Fit, *, seed: int) -> bytes:
             group.attrs.update(_about(fit))
             # Draws from the prior are one chain.
             chains = 1 if name == "prior" else len(fit.run.points)
-            axes: Axes = {}
             for variable, (dimensions, draws) in variables.items():
                 along = [_without_slashes(dimension) for dimension in dimensions]
                 # The data are one draw of themselves.
@@ -102,49 +99,39 @@ def netcdf(fit: Fit, *, seed: int) -> bytes:
                 if name != "observed_data":
                     values = draws.reshape(chains, -1, *draws.shape[1:])
                     along = ["chain", "draw", *along]
-                _add_variable(group, variable, along, values, labels, axes)
-            _add_labels(group, labels, axes)
+                added = _add(group, _without_slashes(variable), along, values, labels)
+                added.attrs["_FillValue"] = np.full(1, np.nan, values.dtype)
+                added.attrs.update(_attributes(variable))
+                further = [
+                    label for label, (of, _) in labels.items() if of in along and of != label
+                ]
+                if further:
+                    added.attrs["coordinates"] = " ".join(further)
+            for label, (dimension, texts) in labels.items():
+                if label != dimension and dimension in group:
+                    _add(group, label, [dimension], _strings(texts), labels)
     return buffer.getvalue()
 
 
-def _add_variable(
-    group: h5py.Group,
-    name: str,
-    dimensions: Sequence[str],
-    values: Array,
-    labels: Labels,
-    axes: Axes,
-) -> None:
-    """Add a variable to a group, and its axes to those of the group's dimensions."""
-    variable = group.create_dataset(_without_slashes(name), data=values)
-    variable.attrs["_FillValue"] = np.full(1, np.nan, values.dtype)
-    variable.attrs.update(_attributes(name))
-    further = [
-        label for label, (along, _) in labels.items() if along in dimensions and along != label
-    ]
-    if further:
-        variable.attrs["coordinates"] = " ".join(further)
+def _add(
+    group: h5py.Group, name: str, dimensions: Sequence[str], values: Array, labels: Labels
+) -> h5py.Dataset:
+    """Add a variable to a group, and the dimensions that it lacks: labelled, or by number."""
+    variable = group.create_dataset(name, data=values)
     for axis, dimension in enumerate(dimensions):
-        axes.setdefault(dimension, []).append((variable, axis))
-
-
-def _add_labels(group: h5py.Group, labels: Labels, axes: Axes) -> None:
-    """Label the entries of a group's dimensions: by texts, or by numbers."""
-    for name, (dimension, texts) in labels.items():
-        if dimension in axes:
-            values = np.array(texts, dtype=h5py.string_dtype())
-            variable = group.create_dataset(name, data=values)
-            if name != dimension:
-                axes[dimension].append((variable, 0))
-    for dimension, along in axes.items():
         if dimension not in group:
-            variable, axis = along[0]
-            group.create_dataset(dimension, data=np.arange(variable.shape[axis]))
-        scale = group[dimension]
-        # A dimension of netCDF is a scale of HDF5.
-        scale.make_scale(dimension)
-        for variable, axis in along:
-            variable.dims[axis].attach_scale(scale)
+            entries = np.arange(values.shape[axis])
+            if dimension in labels:
+                _, texts = labels[dimension]
+                entries = _strings(texts)
+            # A dimension of netCDF is a scale of HDF5.
+            group.create_dataset(dimension, data=entries).make_scale(dimension)
+        variable.dims[axis].attach_scale(group[dimension])
+    return variable
+
+
+def _strings(texts: Sequence[str]) -> NDArray[Any]:
+    return np.array(texts, dtype=h5py.string_dtype())
 
 
 def _groups(fit: Fit, seed: int) -> dict[str, Named]:

@@ -126,9 +126,8 @@ def trials(
     table = sessions.table.dropna(subset=columns)
     skipped = list(_incomplete(sessions, table, parameters))
     lognormal = scene.inference.family == "lognormal"
-    not_positive = table.loc[(table[columns] <= 0).any(axis=1), "environment"].value_counts(
-        sort=False
-    )
+    is_low = (table[columns] <= 0).any(axis=1)
+    not_positive = table.loc[is_low, "environment"].value_counts(sort=False)
     if lognormal and partial and len(not_positive) < table["environment"].nunique():
         # Without their environment: to leave out the lowest trials alone would bias what is left
         # there.
@@ -140,10 +139,10 @@ def trials(
     subjects = tuple(dict.fromkeys(table["subject"]))
     refuse_lone_subject(subjects)
     adjusted = table[columns].to_numpy(dtype=float)
-    if lognormal:
-        _refuse_no_logarithm(sessions, table[columns])
     measured = set(table["environment"])
     environments = tuple(name for name in sessions.environments if name in measured)
+    if lognormal:
+        _refuse_no_logarithm(sessions, table[columns])
     if table.groupby("environment")["subject"].nunique().max() < 2:
         raise RefusalError("no environment has two subjects to tell users apart.", hint=IF_BY_TRIAL)
     reference = np.array([[references[p, name] for name in environments] for p in parameters])
