@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lowest", "lowest", "rising_root", "root", "section_minimum"]
+__all__ = ["Lowest", "lowest", "rising_root", "root", "secant_root", "section_minimum"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -160,6 +160,45 @@ def rising_root(
         if not open_roots.size:
             break
     return x
+
+
+def secant_root(
+    function: Callable[[Indices, Array], Array],
+    start: Array,
+    low: Array,
+    high: Array,
+    *,
+    known: tuple[Array, Array] | None = None,
+) -> Array:
+    """Return what `rising_root` does, of functions whose slopes are not known.
+
+    The slope is that through the last two points.
+
+    Parameters
+    ----------
+    function : callable
+        Takes which of the functions to evaluate, shape (m,), and x of each; returns values.
+    start, low, high : ndarray, shape (n,)
+        First x, and the bracket it is kept in.
+    known : pair of ndarray, shape (n,), optional
+        A point of each function, x and its value: it gives the first step its slope.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    unknown = np.full((2, low.size), np.nan)
+    last_x, last_value = unknown if known is None else np.array(known)
+
+    def with_slope(which: Indices, x: Array) -> tuple[Array, Array]:
+        value = function(which, x)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = (value - last_value[which]) / (x - last_x[which])
+        last_x[which] = x
+        last_value[which] = value
+        return value, slope
+
+    return rising_root(with_slope, start, low, high)
 
 
 class Lowest(NamedTuple):

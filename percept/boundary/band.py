@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import elementwise
 
 from percept.inference.record import Family, Method
 from percept.results import BandLaw, Coefficient
+from percept.searches import secant_root
 
 Array = NDArray[np.float64]
 
@@ -264,7 +264,7 @@ def _fit_offset(impedance: Array, log_bands: Array) -> Array:
         """Return the squared distance of each set (S,) at ratios (points, S)."""
         return (log_bands - np.log(np.exp(log_ratio)[..., None] + impedance)).var(axis=-1)
 
-    def slope(log_ratio: Array, which: NDArray[np.intp]) -> Array:
+    def slope(which: NDArray[np.intp], log_ratio: Array) -> Array:
         """Return the slope of half of it, whose zero has twice the digits of its minimum."""
         offset = np.exp(log_ratio)[:, None]
         residual = log_bands[which] - np.log(offset + impedance)
@@ -273,11 +273,9 @@ def _fit_offset(impedance: Array, log_bands: Array) -> Array:
 
     best = grid[misfit(grid[:, None]).argmin(axis=0)]
     step = grid[1] - grid[0]
-    turn = elementwise.find_root(
-        slope, (best - step, best + step), args=(np.arange(len(log_bands)),)
-    )
+    minimum = secant_root(slope, best, best - step, best + step)
     # At an end of the grid nothing turns.
-    minimum = np.where(turn.success, turn.x, best)
+    minimum = np.clip(minimum, lowest, highest)
     # No offset at all may fit best: the search runs in the logarithm, which never gets there.
     log_of_none = np.full(len(log_bands), -np.inf)
     ratio = np.where(misfit(log_of_none) <= misfit(minimum), 0.0, np.exp(minimum))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from scipy import special
 from percept.boundary.shares import DiscIntegral, Discs, Users, score_of, shares_of_cells
 from percept.haptics.perceived import Boxes, Display, DistancePlane, Point, Range, shown_element
 from percept.haptics.records import Coupling
-from percept.searches import rising_root
+from percept.searches import secant_root
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -166,13 +165,20 @@ def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
     edge = score_of(level)
     for integral, frequencies in integrals.items():
         cells = np.nonzero(np.broadcast_to(frequencies, middle.shape))
-        scores = functools.partial(_scores, users, plane, least, integral, cells)
+        draw, column = cells
+        of_cells = users.select(draw), plane.select(column), least[column], integral
         for limit, score in zip(found, (-edge, edge), strict=True):
             start = middle + score / score_of(box_level) * (logs.high - middle)
-            ends = Range(logs.low[cells], logs.high[cells])
+            # Scores are zero in the middle, and next to straight: the first slope leads close.
             # Where next to no user lies below the low end it is the limit.
-            log_above = _root(scores, score, start[cells], ends)
-            limit[cells] = least[cells[1]] + np.exp(log_above)
+            log_above = secant_root(
+                functools.partial(_missing, *of_cells, score),
+                start[cells],
+                logs.low[cells],
+                logs.high[cells],
+                known=(middle[cells], np.full(draw.size, -score)),
+            )
+            limit[cells] = least[column] + np.exp(log_above)
     return found
 
 
@@ -188,43 +194,23 @@ def _log_range(boxes: Boxes, plane: DistancePlane, least: Array) -> Range:
     return Range(low, np.log(above))
 
 
-def _scores(
+def _missing(
     users: Users,
     plane: DistancePlane,
     least: Array,
     integral: DiscIntegral,
-    cells: tuple[Indices, ...],
+    wanted: float,
     which: Indices,
     log_above: Array,
 ) -> Array:
-    """Return the normal scores of shares within discs, of some of n cells: draws and frequencies.
+    """Return by how much the normal scores of shares within discs miss the one that is wanted.
 
-    A disc reaches as far above the least abs(Z_h) as its logarithm says.
+    Some of n populations are asked for, each at a frequency of its own. A disc reaches as far above
+    the least abs(Z_h) as its logarithm says.
     """
-    draw, column = (index[which] for index in cells)
-    radius = least[column] + np.exp(log_above)
-    shares = shares_of_cells(users.select(draw), plane.select(column), radius, integral)
-    return np.asarray(special.ndtri(np.clip(shares, _LEAST_SHARE, 1.0 - _LEAST_SHARE)))
-
-
-def _root(
-    scores: Callable[[Indices, Array], Array], wanted: float, start: Array, ends: Range
-) -> Array:
-    """Return where each of n scores, zero in the middle and next to straight, is as wanted, (n,).
-
-    The slope through the last two points finds it in three or four steps.
-    """
-    last = 0.5 * (ends.low + ends.high)
-    last_off = np.full(last.shape, -wanted)
-
-    def off(which: Indices, x: Array) -> tuple[Array, Array]:
-        """Return how far scores are off, or zero, and their slope from the last points."""
-        value = scores(which, x) - wanted
-        value[np.abs(value) < _SCORE_ACCURACY] = 0.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            slope = (value - last_off[which]) / (x - last[which])
-        last[which] = x
-        last_off[which] = value
-        return value, slope
-
-    return rising_root(off, start, ends.low, ends.high)
+    radius = least[which] + np.exp(log_above)
+    shares = shares_of_cells(users.select(which), plane.select(which), radius, integral)
+    scores = special.ndtri(np.clip(shares, _LEAST_SHARE, 1.0 - _LEAST_SHARE))
+    missing = np.asarray(scores - wanted)
+    missing[np.abs(missing) < _SCORE_ACCURACY] = 0.0
+    return missing

@@ -35,7 +35,7 @@ from percept.haptics.impedance import (
 from percept.haptics.loop import Loop, Warp, covers_range, search_grid
 from percept.haptics.records import Coupling, Device, TabulatedDevice, refuse_arrays
 from percept.html import NotebookRecord
-from percept.searches import lowest, rising_root
+from percept.searches import lowest, secant_root
 
 __all__ = [
     "AbsoluteStability",
@@ -55,8 +55,6 @@ __all__ = [
 _ROUNDING = 1e-12
 # κ = K/2β from which on the demand is largest at DC.
 _KAPPA_AT_DC = float(np.sqrt(0.8))
-# b_c/b up to which the largest stiffness is set at DC under the backward difference (β = 5b there).
-_DC_LIMIT = 5 - 2 * np.sqrt(5)
 _NO_DEVICE = Device(0.0, 0.0)
 
 
@@ -356,12 +354,6 @@ def max_coupling_stiffness(
     UsageError
         A negative damping, a value that is not finite, an unknown discretization; a loop with a
         delay, a filter, modes or a table.
-
-    Notes
-    -----
-    With β the coupling's damping in Tustin's form, K = k_c·T and ρ = b/β, Eq. 10 over all ω reads
-    K ≤ 2βκ(ρ), where κ² = (8ρ − 1)(1 + ρ)²/(27ρ²) for 1/8 ≤ ρ ≤ 1/5 and κ² = 4ρ above; below 1/8
-    nothing meets it. Under the true hold it is K² ≤ 16bβ and β ≤ πb.
     """
     one_of(discretization, "discretization", DISCRETIZATIONS)
     device = loop.device
@@ -372,59 +364,22 @@ def max_coupling_stiffness(
         )
     b_c = nonnegative_array(coupling_damping, "coupling damping", "N·s/m")
     b, b_c = np.broadcast_arrays(np.asarray(device.damping), b_c)
-    if discretization == "tustin":
-        return (_stretch(b, b_c, loop.hold) / loop.period)[()]
+    shape = b.shape
+    b = b.ravel()
+    b_c = b_c.ravel()
+
+    def missing(which: IntArray, stretch: FloatArray) -> FloatArray:
+        coupling = Coupling(stretch / loop.period, b_c[which])
+        need = required_damping(loop, coupling, discretization=discretization)
+        return need.damping - b[which]
+
+    # What holds at DC: K² = 16·b·β.
     root_b = np.sqrt(b)
-    at_dc = 4 * root_b * (root_b + np.sqrt(b + b_c))
-    if loop.hold == "true":
-        at_nyquist = np.maximum(0.0, 2 * (np.pi * b - b_c))
-        stretch = np.minimum(at_dc, at_nyquist)
-    else:
-        relative = ratio(b_c, b, empty=np.inf)
-        # From 8 on ρ is at most 1/8 even without stiffness.
-        interior = (relative > _DC_LIMIT) & (relative < 8)
-        # Outside the interior any c and room serve: their root is not used.
-        room = np.where(interior, ratio(8 * b - b_c, b, empty=0.0), 1.0)
-        root = _interior_root(np.where(interior, relative, 7.0), room)
-        stretch = np.where(relative > _DC_LIMIT, 0.0, at_dc)
-        stretch = np.where(interior, 2 * b * root, stretch)
-    return (stretch / loop.period)[()]
-
-
-def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
-    """Return the largest K = k_c·T, N·s/m, at a damping β in Tustin's form; 0 where none is."""
-    at_dc = 4 * np.sqrt(b) * np.sqrt(beta)
-    if hold == "true":
-        return np.where(beta <= np.pi * b, at_dc, 0.0)
-    rho = ratio(b, beta, empty=0.0)
-    inner = np.clip(rho, 0.125, 0.2)
-    # 8ρ − 1 as (8b − β)/β, which keeps its digits next to the limit.
-    above_limit = np.maximum(0.0, ratio(8 * b - beta, beta, empty=0.0))
-    # Where ρ > 0.2 any value serves: the limit at DC holds.
-    above_limit = np.where(rho > 0.2, 0.6, above_limit)
-    kappa = np.sqrt(above_limit / 27) * (1 + inner) / inner
-    return np.where(rho > 0.2, at_dc, 2 * beta * kappa)
-
-
-def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
-    """Return δ = K/2b of the backward difference, between 0 and `room`.
-
-    With c = b_c/b and e = 8 − c, the room, it solves 27δ² = (c + δ)(e − δ)(1 + c + δ)².
-    The difference of the two sides is convex between the root and e: Newton from e falls onto the
-    root without overshooting.
-    """
-    c, room = np.broadcast_arrays(c, room)
-    shape = c.shape
-    c = c.ravel()
-    room = room.ravel()
-
-    def excess(which: IntArray, delta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return left minus right side, and its slope."""
-        beta = c[which] + delta
-        rest = room[which] - delta
-        square = (1 + beta) ** 2
-        value = 27 * delta**2 - beta * rest * square
-        slope = 54 * delta - square * (rest - beta) - 2 * beta * rest * (1 + beta)
-        return value, slope
-
-    return rising_root(excess, room, np.zeros_like(room), room).reshape(shape)
+    top = 4 * root_b * np.sqrt(b_c)
+    if discretization == "backward":
+        top = 4 * root_b * (root_b + np.sqrt(b + b_c))
+    stretch = secant_root(missing, top / 2, 0 * top, top)
+    every = np.arange(top.size)
+    stretch = np.where(missing(every, top) <= 0, top, stretch)
+    stretch = np.where(missing(every, 0 * top) >= 0, 0.0, stretch)
+    return (stretch / loop.period).reshape(shape)[()]

@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from scipy.optimize import elementwise
+from numpy.typing import NDArray
 
 from percept.boundary.feels_real import share_error
 from percept.haptics import Coupling, Device, Environment, Loop
@@ -24,6 +24,7 @@ from percept.haptics.rendering import (
     rendering_margins,
 )
 from percept.results import DeviceStability, Rendered, RenderedEdge, RenderedWall, ZWidth
+from percept.searches import secant_root
 from percept.study.basics import Array
 from percept.study.device import Setup
 
@@ -258,8 +259,11 @@ class StableCouplings:
     def _limit(self, asked: Callable[..., Array], top: Array, *beside: Array) -> Array:
         """Return up to where each line, from zero to its top, asks for less than a device gives."""
         most = self._given[-1]
-        found = elementwise.find_root(
-            lambda value, *beside: asked(value, *beside) - most, (0.0 * top, top), args=beside
-        )
-        limit = np.where(found.success, found.x, 0.0)
-        return np.where(asked(top, *beside) < most, top, limit)
+
+        def excess(which: NDArray[np.intp], value: Array) -> Array:
+            return asked(value, *(one[which] for one in beside)) - most
+
+        limit = secant_root(excess, 0.5 * top, 0.0 * top, top)
+        every = np.arange(top.size)
+        limit[excess(every, 0.0 * top) >= 0.0] = 0.0
+        return np.where(excess(every, top) < 0.0, top, limit)
