@@ -154,20 +154,9 @@ def plan_like(
                 for parameter in design.parameters
             }
         }
-    scene = Scene(
-        **described,
-        frequency=_FREQUENCY,
-        model=model,
-        inference={
-            "level": asked.level,
-            "share": asked.share,
-            "confidence": asked.confidence,
-            "family": asked.family,
-            "method": method,
-            "tolerance": max(asked.tolerance, _TOLERANCE),
-            "seed": asked.seed,
-        },
-    )
+    inference = asked.model_dump(include={"level", "share", "confidence", "family", "seed"})
+    inference |= {"method": method, "tolerance": max(asked.tolerance, _TOLERANCE)}
+    scene = Scene(**described, frequency=_FREQUENCY, model=model, inference=inference)
     return CoveragePlan(design=design, scene=scene, users_family=users_family, values=values)
 
 

@@ -176,7 +176,8 @@ def _reported(words: list[str]) -> int:
     """Run a command; turn an error into a message on standard error and an exit code."""
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
-    command = _command_among(words)
+    # No option before the command takes a value.
+    command = next((word for word in words if not word.startswith("-")), None)
     try:
         parsed = _parsed(words, command)
         # What a page names as the command that made it.
@@ -213,11 +214,6 @@ def _complain(message: str) -> None:
     """Print what is wrong, escaping what names in it would do to a terminal."""
     lines = f"percept: {message}".split("\n")
     print("\n".join(map(printable, lines)), file=sys.stderr)
-
-
-def _command_among(words: Sequence[str]) -> str | None:
-    """Return the first word that is no option; no option before the command takes a value."""
-    return next((word for word in words if not word.startswith("-")), None)
 
 
 def _parsed(words: Sequence[str], command: str | None) -> argparse.Namespace:

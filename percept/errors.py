@@ -34,12 +34,13 @@ def counted(number: int, one: str, many: str | None = None) -> str:
 
 def printable(text: str) -> str:
     """Escape control and bidirectional characters, which move a cursor or hide text."""
-    return "".join(c if _is_seen(c) else c.encode("unicode_escape").decode() for c in text)
-
-
-def _is_seen(character: str) -> bool:
-    """Whether a character is safe in a line: spaces of all widths are, and Python escapes them."""
-    return character.isprintable() or unicodedata.category(character) == "Zs"
+    # Spaces of all widths are safe in a line, though Python would escape them.
+    return "".join(
+        one
+        if one.isprintable() or unicodedata.category(one) == "Zs"
+        else one.encode("unicode_escape").decode()
+        for one in text
+    )
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -16,7 +16,6 @@ from percept.haptics.perceived import perceived_magnitude
 from percept.inference.model.priors import Priors
 from percept.scene import InferenceTable, Scene
 from percept.sessions import ReadError, ReadOptions, Sessions
-from percept.sessions.quantities import is_impedance
 from percept.simulate import (
     PARAMETERS,
     Design,
@@ -179,7 +178,12 @@ def judge_study(plan: CoveragePlan, index: int) -> Held:
         elif not fit.passed:
             judged[Labels("withheld", method="bayesian", family=asked.family)] = 1.0
     held: dict[Labels, list[float]] = {}
-    for labels, value in _claims(plan, study, _populations(plan, values), rng):
+    populations = _populations(plan, values)
+    rows: Iterator[Any] = iter(study.intervals.itertuples(index=False))
+    for row in rows:
+        labels = Labels("interval", row.kind, row.method, row.family, row.joint)
+        held.setdefault(labels, []).append(interval_held(row, populations[row.environment]))
+    for labels, value in _boundary_claims(study, populations, rng):
         held.setdefault(labels, []).append(value)
     # Environments and parameters of one study are not independent: a study is one observation.
     return judged | {labels: float(np.mean(values)) for labels, values in held.items()}
@@ -221,21 +225,6 @@ def _populations(plan: CoveragePlan, values: TrueValues) -> dict[str, Population
     return populations
 
 
-def _claims(
-    plan: CoveragePlan,
-    study: Study,
-    populations: dict[str, Population],
-    rng: np.random.Generator,
-) -> Iterator[tuple[Labels, float]]:
-    """Yield each claim of a study, and how far it is true."""
-    rows: Iterator[Any] = iter(study.intervals.itertuples(index=False))
-    for row in rows:
-        labels = Labels("interval", row.kind, row.method, row.family, row.joint)
-        yield labels, interval_held(row, populations[row.environment])
-    if is_impedance(plan.design.parameters):
-        yield from _boundary_claims(study, populations, rng)
-
-
 def interval_held(interval: Any, population: Population) -> float:
     """Judge an interval.
 
@@ -265,8 +254,8 @@ def _boundary_claims(
     """Judge each boundary by the curves of its users, at single frequencies and throughout."""
     device = study.device
     table = study.scene.device
-    assert table is not None
-    assert device is not None
+    if device is None or table is None:
+        return
     loop = Loop(device, table.period)
     drawn = {name: population.users(_USERS, rng) for name, population in populations.items()}
     for boundary in study.boundaries:

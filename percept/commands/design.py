@@ -32,22 +32,6 @@ if TYPE_CHECKING:
 # Of the points of an edge, every sixteenth is printed: nine rows.
 _STEP = 16
 _KINDS = ("mean", "user", "share", "contrast", "equivalent", "verdicts")
-# Options that not every kind has.
-_OF_SOME_KINDS = (
-    "half_width",
-    "jnd",
-    "bias",
-    "decision",
-    "difference",
-    "sd",
-    "other_sd",
-    "family",
-    "ratio",
-    "level",
-    "share",
-    "confidence",
-)
-
 # Arguments of a study that plans have in a form of their own.
 _OF_PLANS = ("sessions", "--level", "--family")
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
@@ -97,9 +81,10 @@ def _plan(arguments: argparse.Namespace) -> None:
         "equivalent": planning.plan_equivalent,
     }
     planner = planners[kind]
-    options = {name: getattr(arguments, name) for name in _OF_SOME_KINDS}
-    given = {name: value for name, value in options.items() if value is not None}
     taken = inspect.signature(planner).parameters
+    known = {name for one in planners.values() for name in inspect.signature(one).parameters}
+    options = {name: getattr(arguments, name) for name in sorted(known - {"assurance"})}
+    given = {name: value for name, value in options.items() if value is not None}
     needed = [name for name, parameter in taken.items() if parameter.default is parameter.empty]
     _refuse(kind, "needs", [name for name in needed if name not in given])
     _refuse(kind, "has no use for", [name for name in given if name not in taken])
@@ -181,19 +166,14 @@ def _decide(arguments: argparse.Namespace) -> None:
 
 
 def _needed(verdict: Verdict, subjects: str) -> str:
-    """Say how many more subjects would decide a verdict, or why there is no number."""
+    """Say how many more subjects would decide a verdict, if it is open."""
     more = verdict.more
-    if verdict.outcome != "too little data":
-        return verdict.outcome
-    classical = verdict.classical
-    if classical is not None and classical.outcome != "too little data":
-        return f"too little data; the classical method decides already: {classical.outcome}"
     if more is None:
-        return f"too little data; the {subjects}' values have no joint law to plan by"
+        return verdict.outcome
     if more.subjects is None:
-        return f"too little data; more than {more.most:,} more {subjects} would be needed"
+        return f"{verdict.outcome}; more than {more.most:,} more {subjects} would be needed"
     return (
-        f"too little data; about {more.subjects:,} more {subjects} would decide with probability"
+        f"{verdict.outcome}; about {more.subjects:,} more {subjects} would decide with probability"
         f" {more.assurance:g}"
     )
 

@@ -111,14 +111,15 @@ def _interval_table(results: Results, rows: Sequence[IntervalRow]) -> Table:
         columns["Reference"] = column(shown, "environment", of("reference", style="short"))
     if any(row.left_out for row in rows):
         columns["left out"] = column(shown, "environment", of("left_out", style="count"))
-    columns |= side_by_side(shown, "environment", ("kind", "method"), _interval)
+    columns |= side_by_side(
+        shown,
+        "environment",
+        ("kind", "method"),
+        lambda row: estimate(row) if row.kind == "mean" else limits(row),
+    )
     unit = f" in {quantity.unit}" if quantity.unit else ""
     caption = f"{quantity.head}{unit}: {percent(rows[0].level)} limits ({shown[0].family})."
     return table_of(caption, names, columns, name=f"intervals_{quantity.name}", csv="intervals")
-
-
-def _interval(row: IntervalRow) -> Cell:
-    return estimate(row) if row.kind == "mean" else limits(row)
 
 
 def _psychophysics(results: Results) -> Section:
@@ -337,20 +338,20 @@ def contrast_sentences(results: Results) -> list[str]:
     It is over all references where there is such a one, of the average user, and of the better
     method.
     """
+
+    def clarity(row: ContrastRow) -> float:
+        """Return how far a contrast lies from no difference, in widths of its interval."""
+        return abs(row.estimate - is_ratio(row)) / (row.upper - row.lower or 1.0)
+
     means = matching(contrast_rows(results), kind="mean")
     rows = [row for row in means if row.of != "level"]
     clearest = []
     for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in rows):
         chosen = matching(rows, factor=factor, parameter=parameter)
         chosen = matching(chosen, method=present(METHODS[::-1], chosen, "method")[0])
-        clearest.append(max(matching(chosen, environment=None) or chosen, key=_clarity))
+        clearest.append(max(matching(chosen, environment=None) or chosen, key=clarity))
     clearest.sort(key=lambda row: row.of != "interaction")
     return [_difference(row, results) for row in clearest]
-
-
-def _clarity(row: ContrastRow) -> float:
-    """Return how far a contrast lies from no difference, in widths of its interval."""
-    return abs(row.estimate - is_ratio(row)) / (row.upper - row.lower or 1.0)
 
 
 def _difference(row: ContrastRow, results: Results) -> str:

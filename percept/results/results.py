@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from percept.errors import UsageError
@@ -293,17 +292,13 @@ def plain(value: Any) -> Any:
     if hasattr(value, "model_dump"):
         return plain(value.model_dump())
     if isinstance(value, (np.ndarray, np.generic)):
-        return _plain_array(np.asarray(value))
+        array = np.asarray(value)
+        # Only where a number is not finite does each need a look.
+        is_finite = array.dtype.kind == "f" and bool(np.isfinite(array).all())
+        return array.tolist() if is_finite else plain(array.tolist())
     if hasattr(value, "to_dict"):
         return plain(value.to_dict("records"))
     raise TypeError(f"{type(value).__name__} has no plain form.")
-
-
-def _plain_array(values: NDArray[Any]) -> Any:
-    """Turn an array into lists; only where a number is not finite does each need a look."""
-    if values.dtype.kind == "f" and np.isfinite(values).all():
-        return values.tolist()
-    return plain(values.tolist())
 
 
 def _number(value: float) -> float | str | None:

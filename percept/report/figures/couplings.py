@@ -35,10 +35,8 @@ _SHADES = (0.05, 0.25, 0.5, 0.75)
 _SHADE_ALPHA = 0.12
 _KILO = 1e3  # N/m in kN/m
 _ROOM = 1.3  # factor on what a logarithmic axis has to show
-_LINEAR_ROOM = 1.05
 _LEAST_SPAN = 10.0  # of a logarithmic axis
 _FILL_ALPHA = 0.15
-_MIDDLE = 0.5  # of the axes
 _MOST_WIDE = 4  # panels two side by side; more stand three by three
 
 
@@ -149,14 +147,16 @@ def draw_zwidth(ax: Axes, width: ZWidth) -> None:
         (width.likely, "ink", "--", "rendered by 95 % of likely devices"),
     )
     for edge, name, dashes, label in edges:
-        if edge is None:
-            continue
-        # Down to both axes.
-        across = np.append(np.maximum(edge.stiffness / _KILO, left), left)
-        up = np.append(edge.damping, 0.0)
-        ax.plot(across, up, color=COLOURS[name], linestyle=dashes, label=label)
-        if edge is width.edge:
-            ax.fill(across, up, color=COLOURS[name], alpha=_FILL_ALPHA, linewidth=0)
+        if edge is not None:
+            shown = (edge.stiffness / _KILO, edge.damping)
+            ax.plot(*shown, color=COLOURS[name], linestyle=dashes, label=label)
+    ax.fill_between(
+        width.edge.stiffness / _KILO,
+        width.edge.damping,
+        color=COLOURS["coupled"],
+        alpha=_FILL_ALPHA,
+        linewidth=0,
+    )
     ax.set_xlim(left, right)
     ax.set_ylim(bottom, top)
     if walls:
@@ -164,15 +164,7 @@ def draw_zwidth(ax: Axes, width: ZWidth) -> None:
     for wall in walls or width.references:
         place = (wall.stiffness / _KILO, wall.damping)
         ax.plot(*place, "o", markersize=3, color=COLOURS["ink"])
-        # On the side that has room.
-        is_left = (ax.transData - ax.transAxes).transform(place)[0] < _MIDDLE
-        ax.annotate(
-            wall.environment,
-            place,
-            xytext=(4 if is_left else -4, 3),
-            ha="left" if is_left else "right",
-            textcoords="offset points",
-        )
+        ax.annotate(wall.environment, place, xytext=(4, 3), textcoords="offset points")
     ax.set_xlabel("stiffness (kN/m)")
     ax.set_ylabel("damping (N·s/m)")
 
