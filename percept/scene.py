@@ -238,17 +238,8 @@ class StudyTable(Table):
     jnd: dict[str, Jnd] = Field(default_factory=dict)
 
 
-def _window(value: tuple[float, float]) -> tuple[float, float]:
-    if not value[0] < value[1]:
-        raise ValueError("a window must begin below its end")
-    return value
-
-
-Window = Annotated[tuple[Positive, Positive], AfterValidator(_window)]
-
-
 class ReportTable(Table):
-    """What a report shows: its title, close views of environments (windows of ω, rad/s), curves.
+    """What a report shows: its title and notes, and which curves.
 
     `curves` is "family" for boundaries of the scene's family, or "all". Of an environment that has
     none in this family, those of the other are drawn. Intervals are always of both.
@@ -258,7 +249,6 @@ class ReportTable(Table):
     subtitle: str | None = None
     note: str | None = None
     curves: Literal["family", "all"] = "family"
-    zoom: dict[str, Window] = Field(default_factory=dict)
 
 
 class Scene(DataTables):

@@ -16,7 +16,7 @@ EMPTY = Results(
         words=Words("environment", "environments", "subject", "subjects", "user", "users"),
         doubts=(), exclusions=(), design=None, cells=(),
     ),
-    intervals=(), contrast=(), boundaries=(), zoom={}, close=(), verdicts=(), rendering=None,
+    intervals=(), contrast=(), boundaries=(), verdicts=(), rendering=None,
     coupling=None, band=None, design=None, sensitivity=None, comparison=None,
     band_pairs=None, ladder=None, diagnostics=None, checks=None, skipped=(),
 )  # fmt: skip

@@ -51,10 +51,6 @@ from percept.sessions import ReadOptions
         ),
         ('[model]\nweber = "yes"\n', "model.weber = 'yes': must be true or false."),
         (
-            "[report.zoom]\nVE1 = [9, 9]\n",
-            "report.zoom.VE1 = [9, 9]: a window must begin below its end.",
-        ),
-        (
             '[device]\nmass = 1\ndamping = 2\nresponse = "zd.csv"\nperiod = 1e-3\n',
             "device: a measured response holds mass, damping, stiffness and modes: give one",
         ),

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 from percept.commands import QUIET, Argument, argument, flag, number
-from percept.errors import RefusalError, UsageError, did_you_mean, printable
+from percept.errors import RefusalError, UsageError, printable
 
 if TYPE_CHECKING:
     import rich.progress
@@ -116,15 +116,6 @@ def open_study(
         folder = cache_folder()
         store = None if folder is None else PosteriorCache(folder)
     study = Study(sessions, scene, progress=progress, store=store)
-    environments = study.sessions.environments
-    for name in scene.report.zoom:
-        if name not in environments:
-            raise UsageError(
-                f"no {scene.environment_noun[0]} has this name.{did_you_mean(name, environments)}",
-                key="report.zoom",
-                value=name,
-                hint=f"There are {', '.join(environments)}.",
-            )
     if scene.device is not None and scene.device.response:
         _ = study.device  # a table that cannot be read is refused before anything is sampled
     return study

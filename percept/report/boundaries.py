@@ -148,7 +148,7 @@ def _differences(results: Results) -> str:
 
 
 def boundaries(results: Results) -> Section:
-    """Return what boundaries are, close views, every curve to explore, and bands."""
+    """Return what boundaries are, every curve to explore, and bands."""
     words = results.data.words
     records = results.boundaries
     sentences = []
@@ -176,7 +176,6 @@ def boundaries(results: Results) -> Section:
                 "shapes",
                 "The shapes of boundaries" if shapes else "",
                 shapes,
-                figures=["boundaries_close"] if results.close else [],
                 form="list",
             ),
             _explorer(results),
@@ -197,7 +196,7 @@ def _explorer(results: Results) -> Section:
     if not curves:
         return Section("explore")
     shared = share_curves(curves)
-    document = plain({"boundaries": curves, "impedances": shared, "zoom": results.zoom})
+    document = plain({"boundaries": curves, "impedances": shared})
     text = json.dumps(document, ensure_ascii=False, separators=(",", ":"))
     # A script element ends at the first end tag in it, wherever that stands.
     data = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -47,8 +47,6 @@ Beside = Callable[[Callable[[], Any]], AbstractContextManager[Callable[[], Any]]
 #: A record or a mapping as JSON holds it.
 JsonObject = dict[str, Any]
 
-#: Where boundaries stand in report.json, and where the curves do that those share.
-_CURVES = {"boundaries": "impedances", "close": "close_impedances"}
 #: Curves that depend on the environment, device and coupling, and on no interval.
 _SHARED = ("omega", "reference", "coupled")
 #: Characters that move a terminal's cursor or hide text: C1 controls, and marks of direction.
@@ -109,12 +107,6 @@ class Results:
     contrast: Annotated[tuple[ContrastRow, ...], Part("contrasting levels", of="contrast_rows")]
     #: Curves of each environment's limits, with their Monte Carlo error
     boundaries: Annotated[tuple[Boundary, ...], Part("working out boundaries", needs="curves")] = ()
-    #: Window of omega of each environment's close view, rad/s
-    zoom: Annotated[dict[str, tuple[float, float]], Part(needs="curves")] = dataclasses.field(
-        default_factory=dict
-    )
-    #: Boundaries drawn in those windows
-    close: Annotated[tuple[Boundary, ...], Part(needs="curves")] = ()
     #: Whether each environment feels real, by both methods; empty without a device
     verdicts: Annotated[
         tuple[Verdict, ...],
@@ -177,8 +169,7 @@ class Results:
         document: JsonObject = {"schema": SCHEMA}
         for one in dataclasses.fields(self):
             document[one.name] = plain(getattr(self, one.name))
-        for boundaries, shared in _CURVES.items():
-            document[shared] = share_curves(document[boundaries])
+        document["impedances"] = share_curves(document["boundaries"])
         if summary is not None:
             document["summary"] = plain(summary)
         return dumps(document)
@@ -229,9 +220,8 @@ class Results:
     def from_plain(cls, document: JsonObject) -> Results:
         """Make results of report.json's values; pydantic's ValidationError names what is wrong."""
         complete = dict(document)
-        for boundaries, shared in _CURVES.items():
-            curves = complete.pop(shared, {})
-            complete[boundaries] = _with_curves(complete.get(boundaries), curves)
+        shared = complete.pop("impedances", {})
+        complete["boundaries"] = _with_curves(complete.get("boundaries"), shared)
         return _schema().validate_python(complete)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from percept.boundary.shares import score_of
 from percept.errors import RefusalError, UsageError
 from percept.haptics.loop import log_grid
 from percept.results import BandPair, Boundary, Shape, Skipped
-from percept.scene import FrequencyTable, Scene
+from percept.scene import FrequencyTable
 from percept.study.basics import Array
 from percept.study.device import Setup
 from percept.study.regions import Law, Region, claim_fields
@@ -40,23 +40,6 @@ def increasing(omega: ArrayLike) -> Array:
     if not (np.all(grid > 0) and np.all(np.diff(grid) > 0)):
         raise UsageError("omega must be positive and increase, in rad/s.", value=omega)
     return grid
-
-
-def zoom_windows(
-    scene: Scene, environments: Sequence[str]
-) -> Iterator[tuple[str, tuple[float, float]] | Skipped]:
-    """Yield the windows of omega, rad/s, that the scene asks to look at closely."""
-    table = scene.frequency
-    for name, (low, high) in scene.report.zoom.items():
-        what = f"zoom window of {name}"
-        low = max(low, table.lower)
-        high = min(high, table.upper)
-        if name not in environments:
-            yield Skipped(what, "no environment has this name")
-        elif low < high:
-            yield name, (float(low), float(high))
-        else:
-            yield Skipped(what, f"it lies outside {table.lower:g} to {table.upper:g} rad/s")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cached_property
 
-import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
@@ -35,7 +34,6 @@ from percept.study.boundaries import (
     BoundaryDrawing,
     band_pairs,
     increasing,
-    zoom_windows,
 )
 from percept.study.data import Data
 from percept.study.device import Setup, device_of, referenced, setup_of, study_coupling
@@ -62,8 +60,6 @@ from percept.study.verdicts import (
     verdict_table,
 )
 
-#: Frequencies of a close view; its window is narrow, and its curves are smooth.
-_CLOSE_POINTS = 61
 _LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
 _CURVES = ("omega", "lower", "upper", "reference", "coupled")
 
@@ -181,27 +177,6 @@ class Displayed(Inferred):
             return pd.DataFrame(columns=names)
         # Without a coupling its column is empty, and still of numbers.
         return pd.concat(tables, ignore_index=True).astype({"coupled": float})
-
-    @part
-    def zoom_windows(self) -> Iterator[tuple[str, tuple[float, float]] | Skipped]:
-        """Environments, and windows of omega, rad/s, that the scene asks to look at closely."""
-        return zoom_windows(self.scene, self.data.environments if self.with_reference else ())
-
-    @property
-    def zoom(self) -> dict[str, tuple[float, float]]:
-        """Windows of the environments that have boundaries."""
-        drawn = self.with_reference if self._drawing is not None else ()
-        return {name: window for name, window in self.zoom_windows if name in drawn}
-
-    @cached_property
-    def close(self) -> tuple[Boundary, ...]:
-        """Boundaries in these windows: k and b each at the level asked for, or drawn together."""
-        found: list[Boundary] = []
-        for name, window in self.zoom.items():
-            omega = np.linspace(*window, _CLOSE_POINTS)
-            joints = ("marginal", "joint")
-            found += self.boundaries_at(omega, (name,), kinds=(self.main_kind,), joints=joints)
-        return tuple(found)
 
     @property
     def main_kind(self) -> str:

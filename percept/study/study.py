@@ -46,9 +46,8 @@ _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
 _MOST_ENVIRONMENTS = 1_000
 #: Parts that may skip something, in the order in which `Study.skipped` lists it.
 _SKIPPING = (
-    "interval_rows", "prepared", "with_reference", "_setups", "zoom_windows", "contrast_rows",
-    "anova", "banded", "pairs", "psychophysics_rows", "equivalence_rows", "without_maps",
-    "_checked",
+    "interval_rows", "prepared", "with_reference", "_setups", "contrast_rows", "anova", "banded",
+    "pairs", "psychophysics_rows", "equivalence_rows", "without_maps", "_checked",
 )  # fmt: skip
 _ABOUT = ["environment", "parameter", "kind", "family", "unit", "reference"]
 _LIMITS = ["estimate", "lower", "upper"]

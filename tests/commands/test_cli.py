@@ -97,18 +97,6 @@ def test_a_locale_of_ascii_loses_no_line():
     assert r"N\xb7s/m" in ran.stdout
 
 
-def test_a_zoom_window_of_no_environment_is_refused_before_anything_is_fitted(tmp_path, capsys):
-    scene = tmp_path / "scene.toml"
-    scene.write_text("[report.zoom]\nA = [9, 11]\nBB = [9, 11]\n")
-    words = ["report", write(tmp_path, ROWS), "--scene", str(scene), "--out", str(tmp_path / "out")]
-    code, message = refused(words, capsys)
-    assert code == 2
-    assert message.endswith(
-        "percept: report.zoom = 'BB': no environment has this name. Did you mean B?"
-        " There are A, B.\n"
-    )
-
-
 def test_fit_writes_the_intervals_it_prints(tmp_path, capsys):
     out = tmp_path / "out"
     code = main(["fit", SESSIONS, "--method", "classical", "--out", str(out), "--json"])

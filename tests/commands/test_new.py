@@ -63,7 +63,7 @@ def test_every_optional_key_is_understood(tmp_path):
         del tables["device"][key]
     scene = Scene(**tables)
     assert scene.device.response == "zd.csv"
-    assert scene.report.zoom == {"A": (9.9, 10.1)}
+    assert scene.report.subtitle == "Ten people, five walls"
     options = ReadOptions.from_mapping(tables)
     assert {*tables["sessions"], "trial"} == type(options.sessions).model_fields.keys()
     assert options.columns["subject"].also == ("participant",)

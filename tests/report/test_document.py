@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept import Scene, Study, haptics, read_sessions
-from percept.haptics import Loop
+from percept import Scene, Study, read_sessions
 from percept.results import dumps
 from tests.documents import build_document
 from tests.study.checked import study_of, table_of
@@ -25,19 +24,6 @@ def test_cells_are_the_adjustments(classical):
         assert cell["values"] == values.tolist()
         assert cell["mean"] == pytest.approx(values.mean(), rel=1e-15)
         assert cell["sd"] == pytest.approx(values.std(ddof=1), rel=1e-14)
-
-
-def test_close_views_are_evaluated_where_the_scene_asks(classical):
-    device, period, coupling = haptics.Device(1.0, 5.0), 0.001, haptics.Coupling(50e3, 100.0)
-    ve1 = haptics.Environment(10.0, 0.1)
-    curves = classical["close_impedances"]["VE1"]
-    omega = np.array(curves["omega"])
-    assert (omega[0], omega[-1]) == (9.89, 10.11)
-    exact = abs(haptics.perceived_impedance(Loop(device, period), omega, ve1, coupling=coupling))
-    # Coupled and plain reference are 1e-5 apart in the paper's Fig. 7b: nothing is interpolated
-    # there.
-    assert curves["coupled"] == pytest.approx(exact, rel=1e-12)
-    assert {row["kind"] for row in classical["close"]} == {"user"}
 
 
 def test_a_summary_and_a_scene_without_device_are_documents_too():

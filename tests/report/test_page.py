@@ -131,12 +131,11 @@ def test_the_page_differs_in_its_date_only(both):
 def renamed(document, name):
     """The document with VE1 called otherwise."""
     document = copy.deepcopy(document)
-    parts = [document[part] for part in ("intervals", "boundaries", "close")]
+    parts = [document[part] for part in ("intervals", "boundaries")]
     for part in (*parts, document["data"]["cells"]):
         for row in part:
             row["environment"] = name if row["environment"] == "VE1" else row["environment"]
-    for table in ("zoom", "impedances", "close_impedances"):
-        document[table][name] = document[table].pop("VE1")
+    document["impedances"][name] = document["impedances"].pop("VE1")
     for row in (*document["coupling"]["memberships"], *document["verdicts"]):
         row["environment"] = name if row["environment"] == "VE1" else row["environment"]
     document["data"]["environments"] = [name, *document["data"]["environments"][1:]]

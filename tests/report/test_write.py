@@ -26,9 +26,7 @@ def test_everything_promised_is_there(report, both):
     files = {str(path.relative_to(report)) for path in report.rglob("*") if path.is_file()}
     promised = {"report.html", "report.json", "posterior.nc", "references.bib"}
     promised |= {f"tables/{name}.csv" for name in ("intervals", "boundaries", "band")}
-    promised |= {
-        f"figures/{name}.svg" for name in ("overview", "ratios", "boundaries_close", "stability")
-    }
+    promised |= {f"figures/{name}.svg" for name in ("overview", "ratios", "stability")}
     assert promised <= files
     assert (report / "report.json").read_text(encoding="utf-8") == dumps(both)
 

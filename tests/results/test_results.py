@@ -43,8 +43,8 @@ RESULTS = Results(
         counts={"rows read": 4}, notices=(), references=1, factor=None,
         doubts=(), exclusions=(), design=None, cells=(),
     ),
-    intervals=(INTERVAL,), contrast=(), boundaries=(BOUNDARY,), zoom={"wäll/1~": (9.0, 11.0)},
-    close=(), verdicts=(), rendering=None, coupling=None, band=None, design=None, sensitivity=None,
+    intervals=(INTERVAL,), contrast=(), boundaries=(BOUNDARY,),
+    verdicts=(), rendering=None, coupling=None, band=None, design=None, sensitivity=None,
     comparison=None, band_pairs=None, ladder=None, diagnostics=None, checks=None,
     skipped=(Skipped("band law", "one environment"),),
 )  # fmt: skip
@@ -62,7 +62,7 @@ def test_results_come_back_digit_for_digit(tmp_path):
     loaded = Results.load(path)
     assert loaded.intervals == RESULTS.intervals
     assert (loaded.provenance, loaded.data) == (RESULTS.provenance, RESULTS.data)
-    assert (loaded.zoom, loaded.skipped) == (RESULTS.zoom, RESULTS.skipped)
+    assert loaded.skipped == RESULTS.skipped
     (boundary,) = loaded.boundaries
     for field in dataclasses.fields(Boundary):
         before = getattr(BOUNDARY, field.name)
@@ -78,7 +78,7 @@ def test_a_document_names_its_schema_and_every_field():
     document = json.loads(RESULTS.to_json())
     assert document["schema"] == SCHEMA
     names = [field.name for field in dataclasses.fields(Results)]
-    assert list(document)[1:] == [*names, "impedances", "close_impedances"]
+    assert list(document)[1:] == [*names, "impedances"]
 
 
 def test_curves_that_boundaries_share_are_written_once(tmp_path):
@@ -110,7 +110,6 @@ def test_a_file_that_is_no_report_is_refused(tmp_path):
     [
         ("intervals", 3, "intervals"),
         ("intervals", [{"environment": "a"}], "intervals/0/parameter"),
-        ("zoom", {"a": [1.0]}, "zoom/a/1"),
         ("boundaries", [{"omega": "text"}], "boundaries/0/"),
         ("skipped", [{"what": "a", "why": 2}], "skipped/0/why"),
     ],

@@ -8,9 +8,8 @@ import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
 from percept.haptics.perceived import perceived_magnitude
-from percept.results import Boundary, Skipped
+from percept.results import Boundary
 from percept.sessions import Sessions
-from percept.study.boundaries import zoom_windows
 from tests import DATASETS
 from tests.study.checked import table_of
 
@@ -141,17 +140,6 @@ def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
 def test_own_frequencies_and_choices_are_checked(fitted, omega, chosen, message):
     with pytest.raises(UsageError, match=message):
         fitted.boundaries_at(omega, **chosen)
-
-
-def test_windows_follow_the_scene_and_are_cut_or_left_out():
-    asked = {"A": [1, 5], "B": [90, 120], "D": [20, 30]}
-    scene = Scene(frequency={"lower": 10, "upper": 100}, report={"zoom": asked})
-    found = list(zoom_windows(scene, ["A", "B", "C"]))
-    assert [one for one in found if not isinstance(one, Skipped)] == [("B", (90, 100))]
-    assert {one.what for one in found if isinstance(one, Skipped)} == {
-        "zoom window of A",
-        "zoom window of D",
-    }
 
 
 def test_curves_are_of_the_scenes_family_unless_all_are_asked_for():

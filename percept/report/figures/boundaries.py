@@ -53,19 +53,15 @@ _COLUMNS = 3  # panels side by side
 _VERDICT = 11  # letters in a line
 
 
-def draw_magnitude(
-    ax: Axes, boundaries: Sequence[Boundary], *, log: bool = True, ratio: bool = False
-) -> None:
+def draw_magnitude(ax: Axes, boundaries: Sequence[Boundary], *, ratio: bool = False) -> None:
     """Draw boundaries, the reference and the coupled impedance, in the manner of Fig. 7.
 
     Parameters
     ----------
     ax : Axes
-        To draw on.
+        To draw on; both axes become logarithmic.
     boundaries : sequence of Boundary
         Of one environment: classical limits are lines, Bayesian ones a filled band.
-    log : bool
-        Whether both axes are logarithmic.
     ratio : bool
         Whether all is drawn over the reference.
     """
@@ -103,56 +99,41 @@ def draw_magnitude(
     ax.set_xlim(shown.omega[0], shown.omega[-1])
     ax.set_xlabel("ω (rad/s)")
     ax.set_ylabel("|Zₕ| / reference’s |Zₕ|" if ratio else "|Zₕ| (N·s/m)")
-    if log:
-        log_scale(ax, "x", plain=True)
-        log_scale(ax, "y", plain=ratio)
-    else:
-        ax.locator_params(nbins=3)
+    log_scale(ax, "x", plain=True)
+    log_scale(ax, "y", plain=ratio)
 
 
 def curve_drawings(results: Results) -> list[Drawing]:
-    """Return boundaries over the reference with the verdicts, and the scene's close views."""
+    """Return the figure of boundaries over the reference, with the verdicts."""
     shown = foremost(results)
-    main = [record for record in unwidened(results.boundaries) if record.environment in shown]
-    if not main:
+    curves = [record for record in unwidened(results.boundaries) if record.environment in shown]
+    if not curves:
         return []
-    kind = present(_WHOM, main, "kind")[0]
-    whom = _WHOM[kind].format(results.data.words)
+    kind = present(_WHOM, curves, "kind")[0]
     families = families_from(family_of(results))
     is_coupled = bool(matching(results.verdicts, coupled=True))
     cell_of = displayed(results, coupled=is_coupled)
+    names = distinct(curves, "environment")
+    columns = min(len(names), _COLUMNS)
 
-    def drawing(boundaries: Sequence[Boundary], **words: str) -> Drawing:
-        names = distinct(boundaries, "environment")
-        by_name = [
-            alike_boundaries(matching(boundaries, environment=name), kind, families)
-            for name in names
-        ]
+    def draw_one(ax: Axes, index: int) -> None:
+        of_environment = matching(curves, environment=names[index])
+        draw_magnitude(ax, alike_boundaries(of_environment, kind, families), ratio=True)
+        # A panel is some 20 mm wide.
+        cell = cell_of(names[index])
+        verdict = "" if cell == NOTHING else textwrap.fill(str(cell[0]), _VERDICT)
+        ax.set_title(f"{ax.get_title()}\n{verdict}".strip(), fontsize="medium")
 
-        def draw_one(ax: Axes, index: int) -> None:
-            if boundaries is not main:
-                draw_magnitude(ax, by_name[index], log=False)
-                return
-            draw_magnitude(ax, by_name[index], ratio=True)
-            # A panel is some 20 mm wide.
-            shown = cell_of(names[index])
-            verdict = "" if shown == NOTHING else textwrap.fill(str(shown[0]), _VERDICT)
-            ax.set_title(f"{ax.get_title()}\n{verdict}".strip(), fontsize="medium")
-
-        columns = min(len(names), _COLUMNS)
-        return Drawing(
-            **words,
+    return [
+        Drawing(
+            name="ratios",
+            title=f"What {_WHOM[kind].format(results.data.words)} takes for the reference, over"
+            " the reference’s |Z_h|",
+            description=drawn_said(results),
             height=panels_height(len(names), columns),
             draw=lambda figure: draw_panels(figure, names, columns, draw_one),
         )
-
-    title = f"What {whom} takes for the reference, over the reference’s |Z_h|"
-    drawings = [drawing(main, name="ratios", title=title, description=drawn_said(results))]
-    close = matching(results.close, kind=kind)
-    if close:
-        title = f"Boundaries of |Z_h| for {whom}, close views"
-        drawings.append(drawing(close, name="boundaries_close", title=title, description=""))
-    return drawings
+    ]
 
 
 def alike_boundaries(

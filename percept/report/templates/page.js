@@ -87,7 +87,7 @@
     const data = prepared(JSON.parse(source.textContent));
     if (!data.length) return;
     const range = [data[0].omega[0], data[0].omega.at(-1)];
-    const state = { window: [...range], own: false, at: null };
+    const state = { window: [...range], at: null };
     const options = (name) => [...new Set(data.flatMap((one) => one.limits.map((limit) => limit[name])))];
     const select = (label, name, values, labels = {}) => {
       const box = element("select", { name }, ...values.map((value) =>
@@ -118,11 +118,9 @@
     const [fromLabel, from] = edge("ω from", 0);
     const [toLabel, to] = edge("to", 1);
     const whole = element("button", { type: "button", class: "tool" }, "Whole range");
-    const close = element("button", { type: "button", class: "tool" }, "Close views");
     whole.addEventListener("click", () => zoom([...range]));
-    close.addEventListener("click", () => { state.own = true; state.at = null; draw(); });
     const form = element("form", { class: "controls", "aria-label": "Window and curves of the plots" },
-      kindLabel, shapeLabel, familyLabel, scaleLabel, fromLabel, toLabel, whole, close);
+      kindLabel, shapeLabel, familyLabel, scaleLabel, fromLabel, toLabel, whole);
     form.addEventListener("submit", (event) => event.preventDefault());
     form.addEventListener("change", () => draw());
     const plots = data.map((one) => plot(one));
@@ -138,14 +136,13 @@
     draw();
 
     function zoom(window) {
-      Object.assign(state, { window, own: false, at: null });
+      Object.assign(state, { window, at: null });
       draw();
     }
 
     function draw() {
       from.value = Number(state.window[0].toPrecision(6));
       to.value = Number(state.window[1].toPrecision(6));
-      from.disabled = to.disabled = state.own;
       for (const one of plots) one.draw();
     }
 
@@ -162,7 +159,7 @@
       let current = null;
 
       function shown() {
-        const window = state.own && one.zoom ? one.zoom : state.window;
+        const window = state.window;
         const wide = window[1] / window[0] > 3;
         const grid = Array.from({ length: 160 }, (_, i) => wide
           ? window[0] * (window[1] / window[0]) ** (i / 159) : window[0] + (window[1] - window[0]) * i / 159);
@@ -329,9 +326,9 @@
   }
 
   // Boundaries by environment; those that share its curves get them here.
-  function prepared({ boundaries, impedances, zoom }) {
+  function prepared({ boundaries, impedances }) {
     return [...new Set(boundaries.map((one) => one.environment))].map((name) => ({
-      name, zoom: zoom[name], ...impedances[name],
+      name, ...impedances[name],
       limits: boundaries.filter((one) => one.environment === name).map((one) => ({ ...impedances[name], ...one })),
     }));
   }
