@@ -262,7 +262,8 @@ class Displayed(Inferred):
         judged = study_verdicts(
             self.setup, self.users, self.subjects, self.scene, stable=stable, weights=weights
         )
-        if not self.sessions.slips:
+        # A page names no more rows; more of them are scatter, and cost a fit of their own.
+        if not 0 < len(self.sessions.slips) <= MOST_SHOWN:
             return tuple(judged)
         return tuple(leaning_on_slips(judged, self.sessions, self._without_slips))
 
