@@ -104,7 +104,9 @@ class Results:
     #: One for each environment, quantity, method, kind, family and joint treatment
     intervals: Annotated[tuple[IntervalRow, ...], Part("working out intervals", of="interval_rows")]
     #: Levels of factors compared two by two, interactions, and slopes of covariates
-    contrast: Annotated[tuple[ContrastRow, ...], Part("contrasting levels", of="contrast_rows")]
+    contrast: Annotated[
+        tuple[ContrastRow, ...], Part("contrasting levels", of="contrast_rows", beside=True)
+    ]
     #: Curves of each environment's limits, with their Monte Carlo error
     boundaries: Annotated[tuple[Boundary, ...], Part("working out boundaries", needs="curves")] = ()
     #: Whether each environment feels real, by both methods; empty without a device
@@ -129,7 +131,7 @@ class Results:
     #: Probability of feeling real at half and 1.5 times the device's mass and damping
     sensitivity: Annotated[
         OtherDevices | None,
-        Part("trying other devices", of="other_devices", needs="curves", beside=True),
+        Part("trying other devices", of="other_devices", needs="curves"),
     ] = None
     #: The two methods in pairs
     comparison: Annotated[tuple[MethodPair, ...] | None, Part("comparing the methods")]
@@ -140,17 +142,21 @@ class Results:
     #: The sampler's checks
     diagnostics: Diagnostics | None
     #: The model's checks
-    checks: Annotated[Checks | None, Part("checking the model")]
+    checks: Annotated[Checks | None, Part("checking the model", beside=True)]
     #: What was not computed, and why
-    skipped: Annotated[tuple[Skipped, ...], Part(of="skipped_rows", needs="curves")]
+    skipped: Annotated[tuple[Skipped, ...], Part(of="skipped_before_curves", beside=True)]
     #: Tests of the terms of `contrast`; empty without factors
-    anova: tuple[AnovaRow, ...] = ()
+    anova: Annotated[tuple[AnovaRow, ...], Part(beside=True)] = ()
     #: What each subject set at every level of a factor
     levels: tuple[LevelValues, ...] = ()
     #: Points of equality, thresholds, spreads and reliability
-    psychophysics: Annotated[tuple[PsychophysicsRow, ...], Part(of="psychophysics_rows")] = ()
+    psychophysics: Annotated[
+        tuple[PsychophysicsRow, ...], Part(of="psychophysics_rows", beside=True)
+    ] = ()
     #: Whether each bias is smaller than one JND; empty without `[study] jnd`
-    equivalence: Annotated[tuple[EquivalenceRow, ...], Part(of="equivalence_rows")] = ()
+    equivalence: Annotated[
+        tuple[EquivalenceRow, ...], Part(of="equivalence_rows", beside=True)
+    ] = ()
 
     def to_json(self, summary: Findings | None = None) -> str:
         """Write the results as report.json holds them.

@@ -122,14 +122,18 @@ class Study(Displayed):
     @property
     def skipped_rows(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
-        # What is not drawn is noted when boundaries are.
-        curves = self._drawing.skipped if self.boundaries and self._drawing else []
-        return (*self.skipped_before_curves, *curves)
+        return (*self.skipped_before_curves, *self.skipped_curves)
 
     @property
     def skipped_before_curves(self) -> tuple[Skipped, ...]:
         """What was not computed, and why, curves of laws not counted: they take time to draw."""
         return self.skipped_of(*_SKIPPING)
+
+    @property
+    def skipped_curves(self) -> tuple[Skipped, ...]:
+        """Which curves of laws were not drawn, and why."""
+        # Noted when boundaries are drawn.
+        return tuple(self._drawing.skipped) if self.boundaries and self._drawing else ()
 
     def summary(self, kind: str | None = "user") -> pd.DataFrame:
         """Lay the intervals out wide: a row per environment, parameter and kind.
@@ -220,8 +224,8 @@ class Study(Displayed):
         progress : callable, optional
             Called with the name of each step.
         beside : callable
-            Works out verdicts and maps while the rest is computed, as `percept.workers.beside`
-            does; by default all is computed in turn.
+            Works out checks, verdicts and maps while the rest is computed, as
+            `percept.workers.beside` does; by default all is computed in turn.
 
         Returns
         -------
@@ -252,11 +256,11 @@ class Study(Displayed):
         with beside(partial(work_out, of_copy)) as done:
             found |= work_out(name for name in asked if name not in (*found, *of_copy))
             found |= done()
-        if not curves:
-            found["skipped"] = self.skipped_before_curves
-            if self.interval_rows:
-                absent = Skipped("boundaries, coupling and band law", "run percept report")
-                found["skipped"] += (absent,)
+        if curves:
+            found["skipped"] += self.skipped_curves
+        elif self.interval_rows:
+            absent = Skipped("boundaries, coupling and band law", "run percept report")
+            found["skipped"] += (absent,)
         return Results(**found)
 
     def report(self, directory: str | Path, **options: Any) -> Path:
