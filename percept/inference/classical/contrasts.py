@@ -127,18 +127,15 @@ def group_contrast(first: Moments, second: Moments, *, level: float) -> TwoSampl
     -------
     TwoSamples
     """
-    variance_first = float(first.sd) ** 2 / float(first.n)
-    variance_second = float(second.sd) ** 2 / float(second.n)
-    variance = variance_first + variance_second
-    weighed = variance_first**2 / (float(first.n) - 1)
-    weighed += variance_second**2 / (float(second.n) - 1)
-    freedom = variance**2 / weighed
+    n = np.array([first.n, second.n])
+    squares = np.array([first.sd, second.sd]) ** 2 / n
+    variance = squares.sum()
+    freedom = variance**2 / (squares**2 / (n - 1)).sum()
     centre = float(second.mean) - float(first.mean)
     scale = np.sqrt(variance)
     half = -float(special.stdtrit(freedom, tail_of(level) / 2.0)) * scale
     p_value = 2.0 * float(special.stdtr(freedom, -abs(centre) / scale))
-    n = int(first.n + second.n)
-    return TwoSamples(centre, centre - half, centre + half, p_value, n)
+    return TwoSamples(centre, centre - half, centre + half, p_value, int(n.sum()))
 
 
 def group_spread_ratio(first: Moments, second: Moments, *, level: float) -> TwoSamples:

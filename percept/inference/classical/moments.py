@@ -225,17 +225,11 @@ def subject_means(
 
     Subjects come in the order in which they first appear.
     """
-    check_option("family", family, ("normal", "lognormal"))
     log = family == "lognormal"
     trials = finite_values(values, positive=log)
-    names = np.asarray(subjects)
-    if trials.ndim != 1 or names.shape != trials.shape:
-        raise UsageError(
-            f"One subject per trial is needed; the shapes are {trials.shape} and {names.shape}."
-        )
     responses = np.log(trials) if log else trials
     by_subject: dict[Any, list[float]] = {}
-    for name, response in zip(names.tolist(), responses.tolist(), strict=True):
+    for name, response in zip(np.asarray(subjects).tolist(), responses.tolist(), strict=True):
         by_subject.setdefault(name, []).append(response)
     means = np.array([statistics.mean(own) for own in by_subject.values()])
     return np.exp(means) if log else means

@@ -259,12 +259,9 @@ def correlation(pairs: Array, *, level: float) -> Bounded:
         Fewer than two subjects, or values that are all equal.
     """
     n = len(pairs)
-    deviation = pairs - pairs.mean(axis=0) if n > 1 else np.zeros((1, 2))
-    size = np.sqrt(np.square(deviation).sum(axis=0))
-    if not size.all():
+    if n < 2 or not np.ptp(pairs, axis=0).all():
         raise RefusalError("Values that do not differ between subjects have no correlation.")
-    first, second = (deviation / size).T
-    estimate = float(np.clip(first @ second, -1.0, 1.0))
+    estimate = float(np.corrcoef(pairs.T)[0, 1])
     if n < _FEWEST_PAIRS:
         return Bounded(estimate, -1.0, 1.0)
     reach = -special.ndtri(tail_of(level) / 2.0) / math.sqrt(n - 3.0)

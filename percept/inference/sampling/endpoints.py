@@ -282,20 +282,14 @@ def share_content(
     offset = centre - mean
     precision = 1.0 / sd
     # The interval holds the share if the population's mean lies within `distance` of its centre.
-    upper = offset + distance
-    upper *= precision
-    lower = offset - distance
-    lower *= precision
-    probability = special.ndtr(upper)
-    probability -= special.ndtr(lower)
+    upper = (offset + distance) * precision
+    lower = (offset - distance) * precision
+    probability = special.ndtr(upper) - special.ndtr(lower)
     peak_density = precision * (1.0 / _SQRT_2PI)
-    upper_density = _normal_density(upper)
-    upper_density *= peak_density
-    lower_density = _normal_density(lower)
-    lower_density *= peak_density
+    upper_density = _normal_density(upper) * peak_density
+    lower_density = _normal_density(lower) * peak_density
     by_half_width *= upper_density + lower_density
-    by_centre = upper_density - lower_density
-    return ShareContent(probability, by_half_width, by_centre)
+    return ShareContent(probability, by_half_width, upper_density - lower_density)
 
 
 def share_half_width(

@@ -208,17 +208,13 @@ class Transport:
         features = np.ones((size, z.shape[1]))
         for k, i in enumerate(self.drivers):
             before = 2 * k + 1  # Features of the drivers before this one
-            of_mean = self.mean[i, :before]
-            of_log_scale = self.log_scale[i, :before]
-            coefficients = np.stack([of_mean, of_log_scale])
+            coefficients = np.stack([self.mean[i, :before], self.log_scale[i, :before]])
             mean, log_scale = coefficients @ features[:before]
             log_jacobian += log_scale
-            scale = np.exp(log_scale, out=log_scale)
-            scale *= z[i]
-            np.add(scale, mean, out=y[i])
-            driver = np.clip(y[i], -_CLIP, _CLIP, out=features[before])
-            square = np.square(driver, out=features[before + 1])
-            square -= 1.0
+            y[i] = np.exp(log_scale) * z[i] + mean
+            driver = np.clip(y[i], -_CLIP, _CLIP)
+            features[before] = driver
+            features[before + 1] = driver**2 - 1.0
         return features
 
     def _map_others(
@@ -229,15 +225,10 @@ class Transport:
         log_jacobian: Array,
     ) -> None:
         """Fill in the rows of y of all that follow the drivers, and add to the log Jacobian."""
-        of_mean = self.mean[self.others]
-        of_log_scale = self.log_scale[self.others]
-        coefficients = np.concatenate([of_mean, of_log_scale])
+        coefficients = np.concatenate([self.mean[self.others], self.log_scale[self.others]])
         mean, log_scale = np.split(coefficients @ features, 2)
         log_jacobian += log_scale.sum(axis=0)
-        following = np.exp(log_scale, out=log_scale)
-        following *= self.factor @ z[self.others]
-        following += mean
-        y[self.others] = following
+        y[self.others] = np.exp(log_scale) * (self.factor @ z[self.others]) + mean
 
 
 def _normal_scores(points: Array) -> Array:

@@ -293,9 +293,8 @@ def find_mode(density: Density, start: Array) -> tuple[Array, Array]:
     at_start = density(point[None])
     value = float(at_start[0])
     lengths = 0.5 ** np.arange(_LENGTHS)
-    first = _derivatives(density, point, paired=False)
-    gradient = first.gradient
-    precision = -first.hessian
+    gradient, hessian = _derivatives(density, point, paired=False)
+    precision = -hessian
     for _ in range(_MOST_STEPS):
         step = _limited_inverse(precision) @ gradient
         trials = point + lengths[:, None] * step
@@ -310,11 +309,10 @@ def find_mode(density: Density, start: Array) -> tuple[Array, Array]:
         if rise < _SMALL_RISE:
             break
         before = gradient
-        gradient = _derivatives(density, point, paired=False).gradient
+        gradient, _ = _derivatives(density, point, paired=False)
         precision = _corrected(precision, move, before - gradient)
-    paired = point.size <= _MOST_PAIRED
-    at_mode = _derivatives(density, point, paired=paired)
-    return point, _limited_inverse(-at_mode.hessian)
+    _, hessian = _derivatives(density, point, paired=point.size <= _MOST_PAIRED)
+    return point, _limited_inverse(-hessian)
 
 
 def _corrected(precision: Array, move: Array, fall: Array) -> Array:
@@ -335,16 +333,11 @@ def _corrected(precision: Array, move: Array, fall: Array) -> Array:
     return precision + np.outer(fall, fall) / along
 
 
-@dataclass(frozen=True, eq=False)
-class _Derivatives:
-    """Derivatives of a log density at a point."""
+def _derivatives(density: Density, point: Array, *, paired: bool) -> tuple[Array, Array]:
+    """Gradient (d,) and Hessian (d, d) by central differences, zero where these are infinite.
 
-    gradient: Array  # (d,)
-    hessian: Array  # (d, d) Diagonal where pairs of coordinates were not measured
-
-
-def _derivatives(density: Density, point: Array, *, paired: bool) -> _Derivatives:
-    """Gradient and Hessian by central differences, zero where these are infinite."""
+    The Hessian is diagonal where pairs of coordinates are not measured.
+    """
     size = point.size
     steps = _DIFFERENCE * np.eye(size)
     rows, columns = np.triu_indices(size if paired else 0, 1)
@@ -370,10 +363,8 @@ def _derivatives(density: Density, point: Array, *, paired: bool) -> _Derivative
     hessian[rows, columns] = mixed
     hessian[columns, rows] = mixed
     # Next to impossible points the differences are infinite, and are left out.
-    return _Derivatives(
-        gradient=np.nan_to_num(gradient, posinf=0.0, neginf=0.0),
-        hessian=np.nan_to_num(hessian, posinf=0.0, neginf=0.0),
-    )
+    gradient = np.nan_to_num(gradient, posinf=0.0, neginf=0.0)
+    return gradient, np.nan_to_num(hessian, posinf=0.0, neginf=0.0)
 
 
 def _limited_inverse(precision: Array) -> Array:
