@@ -5,7 +5,6 @@ A subject is left out by Pareto-smoothed importance sampling.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,15 +15,13 @@ from scipy import special
 
 from percept.errors import RefusalError
 from percept.inference.left_out import SubjectDensity
-from percept.searches import root
+from percept.inference.sampling.endpoints import mixture_limits
 
 Array = NDArray[np.float64]
 #: Names of the rows that `statistics_of` returns.
 STATISTICS = ("mean", "sd", "farthest")
 #: Tail index above which no number of draws helps (Vehtari, Simpson, Gelman, Yao and Gabry 2024).
 _WORST_INDEX = 0.7
-#: Largest product of the last two steps to a mixture's quantile, in its SDs: see `root`.
-_STEP_PRODUCT = 1e-5
 
 
 def new_studies(
@@ -69,19 +66,14 @@ def statistics_of(cell_means: Array) -> Array:
     ndarray
         Shape (..., 3, P, J), NaN where subjects are too few.
     """
-    present = np.isfinite(cell_means)
-    n = present.sum(axis=-3)
+    n = np.isfinite(cell_means).sum(axis=-3)
     with np.errstate(invalid="ignore", divide="ignore"):
-        total = np.where(present, cell_means, 0.0).sum(axis=-3)
-        mean = total / n
-        deviation = cell_means - mean[..., None, :, :]
-        deviation = np.where(present, deviation, 0.0)
+        mean = np.nansum(cell_means, axis=-3) / n
+        deviation = np.nan_to_num(cell_means - mean[..., None, :, :])
         squares = np.square(deviation).sum(axis=-3)
-        sd = np.sqrt(squares / (n - 1.0))
+        sd = np.sqrt(squares / np.where(n > 1, n - 1.0, np.nan))
         farthest = np.abs(deviation).max(axis=-3) / sd
-    sd = np.where(n > 1, sd, np.nan)
-    farthest = np.where(n > 2, farthest, np.nan)
-    return np.stack([mean, sd, farthest], axis=-3)
+    return np.stack([mean, sd, np.where(n > 2, farthest, np.nan)], axis=-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +186,7 @@ def predict_left_out(
     return Predicted(below, farther, np.concatenate(locations), np.concatenate(sds), weights)
 
 
-def intervals_left_out(predicted: Predicted, level: float) -> tuple[Array, Array, Array]:
+def intervals_left_out(predicted: Predicted, level: float) -> Array:
     """Find the intervals of all locations without each subject.
 
     Without a subject, draws of the scales have other weights, and the locations another law given
@@ -209,37 +201,14 @@ def intervals_left_out(predicted: Predicted, level: float) -> tuple[Array, Array
 
     Returns
     -------
-    lower, mean, upper : ndarray, shape (N, P, J)
-        On the response scale.
+    ndarray, shape (3, N, P, J)
+        Lower limits, means and upper limits, on the response scale.
     """
-    location = predicted.location
-    sd = predicted.location_sd
-    weights = predicted.weights
-    mean = np.einsum("wi,wipj->ipj", weights, location)
-    square = np.square(sd) + np.square(location - mean)
-    spread = np.sqrt(np.einsum("wi,wipj->ipj", weights, square))
-    end = special.ndtri(0.5 * (1.0 + level))
-
-    def beyond(place: Array, wanted: float) -> tuple[Array, Array]:
-        """Return the mixture's normal score at a place less the wanted one, and its slope."""
-        standard = (place - location) / sd
-        below = np.einsum("wi,wipj->ipj", weights, special.ndtr(standard))
-        density = np.einsum("wi,wipj->ipj", weights, np.exp(-0.5 * standard**2) / sd)
-        score = special.ndtri(below)
-        with np.errstate(over="ignore", invalid="ignore"):
-            return score - wanted, density * np.exp(0.5 * score**2)
-
-    limits = []
-    for score in (-end, end):
-        # The mixture's quantile lies between the nearest and the farthest of its components'.
-        ends = location + score * sd
-        limit = root(
-            functools.partial(beyond, wanted=score),
-            mean + score * spread,
-            ends.min(axis=0),
-            ends.max(axis=0),
-            spread,
-            _STEP_PRODUCT,
-        )
-        limits.append(limit)
-    return limits[0], mean, limits[1]
+    draws, _, *shape = predicted.location.shape
+    found = []
+    for i, weights in enumerate(predicted.weights.T):
+        location = predicted.location[:, i].reshape(draws, -1)
+        sd = predicted.location_sd[:, i].reshape(draws, -1)
+        lower, upper, _ = mixture_limits(location, sd, 0.5 * (1.0 - level), weights)
+        found.append([lower, weights @ location, upper])
+    return np.stack(found, axis=1).reshape(3, -1, *shape)

@@ -62,7 +62,7 @@ def _intervals_without(fit: Fit, loo: Loo, predicted: Predicted) -> Iterator[Int
     """Yield each average user's interval without each subject in turn, by weighted draws."""
     found = intervals_left_out(predicted, fit.data.asked.level)
     trusted = loo.trusted[:, None]
-    of_cells = np.stack(found).reshape(3, len(trusted), -1)
+    of_cells = found.reshape(3, len(trusted), -1)
     lower, estimate, upper = np.where(trusted, fit.scale.native(of_cells), np.nan)
     for (parameter, environment), c in fit.column.items():
         ends = {}

@@ -261,7 +261,8 @@ def correlation(pairs: Array, *, level: float) -> Bounded:
     n = len(pairs)
     if n < 2 or not np.ptp(pairs, axis=0).all():
         raise RefusalError("Values that do not differ between subjects have no correlation.")
-    estimate = float(np.corrcoef(pairs.T)[0, 1])
+    correlations = np.asarray(np.corrcoef(pairs.T))
+    estimate = float(correlations[0, 1])
     if n < _FEWEST_PAIRS:
         return Bounded(estimate, -1.0, 1.0)
     reach = -special.ndtri(tail_of(level) / 2.0) / math.sqrt(n - 3.0)

@@ -83,8 +83,9 @@ def mixture_quantile(
     tail: float,
     *,
     upper: bool,
+    weights: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Quantile of equal-weight normal mixtures, and the pull of each component on it.
+    """Quantile of normal mixtures, and the pull of each component on it.
 
     Parameters
     ----------
@@ -94,6 +95,8 @@ def mixture_quantile(
         Probability beyond the quantile.
     upper : bool
         Whether the tail is the upper one.
+    weights : ndarray, optional
+        Of the draws, shape (S,), with a sum of one; equal where not given.
 
     Returns
     -------
@@ -103,17 +106,24 @@ def mixture_quantile(
         Shape (S, Q): derivative of the quantile in the weight of a draw.
     """
     sign = 1.0 if upper else -1.0
-    mixture = _Mixture(_as_rows(mean) * sign, _as_rows(sd))
+    if weights is None:
+        weights = np.full(len(mean), 1.0 / len(mean))
+    mixture = _Mixture(_as_rows(mean) * sign, _as_rows(sd), weights)
     quantile = mixture.upper_quantile(tail)
     residual = mixture.beyond - mixture.mean_beyond[:, None]
     influence = residual * (sign / mixture.density)[:, None]
     return sign * quantile, influence.T
 
 
-def mixture_limits(mean: Array, sd: Array, tail: float) -> tuple[Array, Array, Array]:
+def mixture_limits(
+    mean: Array,
+    sd: Array,
+    tail: float,
+    weights: Array | None = None,
+) -> tuple[Array, Array, Array]:
     """Lower and upper quantile (Q,) with a tail beyond each, and their influences (S, 2 Q)."""
-    lower, on_lower = mixture_quantile(mean, sd, tail, upper=False)
-    upper, on_upper = mixture_quantile(mean, sd, tail, upper=True)
+    lower, on_lower = mixture_quantile(mean, sd, tail, upper=False, weights=weights)
+    upper, on_upper = mixture_quantile(mean, sd, tail, upper=True, weights=weights)
     return lower, upper, np.hstack([on_lower, on_upper])
 
 
@@ -124,7 +134,7 @@ def _as_rows(draws: Array) -> Array:
 
 @dataclass(eq=False)
 class _Mixture:
-    """Equal-weight mixtures of normal laws, and their probabilities at the last x evaluated.
+    """Mixtures of normal laws, and their probabilities at the last x evaluated.
 
     `root` returns a point one step past the last x, and influences are taken at that x. The step is
     about or below the square root of the step product, 0.002 SDs. Influences only give Monte Carlo
@@ -133,6 +143,7 @@ class _Mixture:
 
     mean: Array  # (Q, S)
     sd: Array  # (Q, S)
+    weights: Array  # (S,)
 
     def __post_init__(self) -> None:
         self.beyond = np.empty_like(self.mean)  # (Q, S) Each component's probability beyond x
@@ -142,21 +153,17 @@ class _Mixture:
     def upper_quantile(self, tail: float) -> Array:
         """Find x (Q,) with the stated probability beyond it."""
         z = -special.ndtri(tail)
-        spread = self._spread()
+        centre = self.mean @ self.weights
+        deviation = self.mean - centre[:, None]
+        spread = np.sqrt((deviation**2 + self.sd**2) @ self.weights)
         # The mixture's quantile lies between the nearest and the farthest of its components'.
         component_quantiles = self.sd * z
         component_quantiles += self.mean
         low = component_quantiles.min(axis=1)
         high = component_quantiles.max(axis=1)
-        start = np.clip(self.mean.mean(axis=1) + z * spread, low, high)
+        start = np.clip(centre + z * spread, low, high)
         shortfall = functools.partial(self._log_shortfall, tail=tail)
         return root(shortfall, start, low, high, spread, _STEP_PRODUCT)
-
-    def _spread(self) -> Array:
-        """SD of the mixture, (Q,)."""
-        square = self.sd * self.sd
-        variance = self.mean.var(axis=1) + square.mean(axis=1)
-        return np.sqrt(variance)
 
     def _log_shortfall(self, x: Array, *, tail: float) -> tuple[Array, Array]:
         """Log of the wanted tail over the one beyond x (Q,), and its slope.
@@ -180,12 +187,12 @@ class _Mixture:
             standard = self.mean[block] - x[:, None]
             standard /= sd
             beyond = special.ndtr(standard, out=self.beyond[block])
-            self.mean_beyond += beyond.sum(axis=1)
+            weights = self.weights[start : start + _BLOCK]
+            self.mean_beyond += beyond @ weights
             density = _normal_density(standard)
             density /= sd
-            self.density += density.sum(axis=1)
-        self.mean_beyond /= draws
-        self.density /= _SQRT_2PI * draws
+            self.density += density @ weights
+        self.density /= _SQRT_2PI
 
 
 def _normal_density(standard: Array) -> Array:

@@ -51,11 +51,6 @@ _LONGEST_STEP = 0.5
 #: Correlations that have no factor are multiplied by this until they have one: each was shrunk by
 #: itself, and together they may fit no joint law.
 _SHRINKAGE = 0.9
-#: Points are mapped in multiples of this number. Matrix products work in blocks, and would sum what
-#: is left over in another order: the last bits of a point would depend on how many there are.
-_POINT_MULTIPLE = 32
-#: Points mapped at a time: their temporaries stay in the processor's cache.
-_MOST_POINTS = 1024
 #: SDs beyond which a driver's effect stays what it is: few draws lie there to fit it by.
 _CLIP = 3.0
 #: Last knot, in SDs: quantiles beyond it are single draws.
@@ -184,28 +179,10 @@ class Transport:
 
     def __call__(self, z: Array) -> tuple[Array, Array]:
         """Map points (N, d) and return them with log abs det of the Jacobian, shape (N,)."""
-        if len(z) > _MOST_POINTS:
-            starts = range(0, len(z), _MOST_POINTS)
-            parts = [self(z[start : start + _MOST_POINTS]) for start in starts]
-            points = np.concatenate([part for part, _ in parts])
-            log_jacobians = np.concatenate([part for _, part in parts])
-            return points, log_jacobians
-        count, size = z.shape
-        columns = np.zeros((size, count + -count % _POINT_MULTIPLE))
-        columns[:, :count] = z.T
-        y = np.empty_like(columns)
-        log_determinant = np.log(np.diag(self.factor)).sum()
-        log_jacobian = np.full(columns.shape[1], log_determinant)
-        features = self._map_drivers(columns, y, log_jacobian)
-        self._map_others(columns, y, features, log_jacobian)
-        x, log_slope = self.spline(y)
-        log_jacobian = log_jacobian + log_slope
-        return x[:, :count].T, log_jacobian[:count]
-
-    def _map_drivers(self, z: Array, y: Array, log_jacobian: Array) -> Array:
-        """Fill in the drivers' rows of y, add to the log Jacobian, and return the features."""
-        size = self.mean.shape[1]
-        features = np.ones((size, z.shape[1]))
+        z = np.ascontiguousarray(z.T)
+        y = np.empty_like(z)
+        log_jacobian = np.full(z.shape[1], np.log(np.diag(self.factor)).sum())
+        features = np.ones((self.mean.shape[1], z.shape[1]))
         for k, i in enumerate(self.drivers):
             before = 2 * k + 1  # Features of the drivers before this one
             coefficients = np.stack([self.mean[i, :before], self.log_scale[i, :before]])
@@ -215,20 +192,11 @@ class Transport:
             driver = np.clip(y[i], -_CLIP, _CLIP)
             features[before] = driver
             features[before + 1] = driver**2 - 1.0
-        return features
-
-    def _map_others(
-        self,
-        z: Array,
-        y: Array,
-        features: Array,
-        log_jacobian: Array,
-    ) -> None:
-        """Fill in the rows of y of all that follow the drivers, and add to the log Jacobian."""
         coefficients = np.concatenate([self.mean[self.others], self.log_scale[self.others]])
-        mean, log_scale = np.split(coefficients @ features, 2)
-        log_jacobian += log_scale.sum(axis=0)
-        y[self.others] = np.exp(log_scale) * (self.factor @ z[self.others]) + mean
+        means, log_scales = np.split(coefficients @ features, 2)
+        y[self.others] = np.exp(log_scales) * (self.factor @ z[self.others]) + means
+        x, log_slope = self.spline(y)
+        return x.T, log_jacobian + log_scales.sum(axis=0) + log_slope
 
 
 def _normal_scores(points: Array) -> Array:

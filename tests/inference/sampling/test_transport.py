@@ -67,17 +67,3 @@ def test_target_comes_out_nearly_normal():
     fitted = [efficiency(Transported(target, Transport.fit(sample))) for sample in samples]
     assert np.mean(fitted) > 0.5
     assert efficiency(Transported(target, affine)) < 0.3
-
-
-@pytest.mark.parametrize("dimension", [5, 22, 40])
-def test_no_point_depends_on_how_many_are_mapped_with_it(dimension):
-    rng = np.random.default_rng(dimension)
-    x = rng.normal(size=(3000, dimension)) @ rng.normal(size=(dimension, dimension))
-    x[:, 1] *= np.exp(0.05 * x[:, 0])
-    transport = Transport.fit(x)
-    z = rng.normal(size=(1100, dimension))
-    points, log_jacobians = transport(z)
-    for size in (1, 37, 138, 1025):
-        parts = [transport(z[start : start + size]) for start in range(0, len(z), size)]
-        np.testing.assert_array_equal(np.concatenate([part for part, _ in parts]), points)
-        np.testing.assert_array_equal(np.concatenate([part for _, part in parts]), log_jacobians)
