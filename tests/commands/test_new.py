@@ -66,7 +66,7 @@ def test_every_optional_key_is_understood(tmp_path):
     assert scene.report.subtitle == "Ten people, five walls"
     options = ReadOptions.from_mapping(tables)
     assert {*tables["sessions"], "trial"} == type(options.sessions).model_fields.keys()
-    assert options.columns["subject"].also == ("participant",)
+    assert options.columns["subject"].name == "participant"
     assert options.sessions.exclude[0].above == 1e5
     assert options.environments["A"] == {"k_ref": 1000.0, "b_ref": 1.0, "m_ref": 0.0}
     assert options.quantities["duration"].unit == "ms"
