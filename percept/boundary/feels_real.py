@@ -87,7 +87,9 @@ class Evidence:
 
     def clear_of(self, decision: float) -> bool:
         """Whether the probability is clear of both thresholds, `decision` and one minus it."""
-        return _is_clear(self.probability, self.error, decision)
+        from_real = abs(self.probability - decision)
+        from_not = abs(self.probability - (1.0 - decision))
+        return min(from_real, from_not) > _CLEAR * self.error
 
     def outcome(self, decision: float, subjects: int) -> Feeling:
         """Judge; of few subjects stiffness and damping alone may say "does not"."""
@@ -169,13 +171,6 @@ def feels_real(
     )
 
 
-def _is_clear(probability: float, error: float, decision: float) -> bool:
-    """Say whether a probability is clear of both thresholds, `decision` and one minus it."""
-    from_real = abs(probability - decision)
-    from_not = abs(probability - (1.0 - decision))
-    return min(from_real, from_not) > _CLEAR * error
-
-
 def plane_scores(
     display: Display,
     users: Users,
@@ -212,22 +207,17 @@ def _evidence(
     edge = score_of(central)
     largest = np.maximum(magnitude, plane)
     inside = largest <= edge
-    too_near = _share(np.abs(magnitude - edge) < _TOO_NEAR)
-    probability = _share(inside)
+    too_near = float(np.mean(np.abs(magnitude - edge) < _TOO_NEAR))
+    probability = float(np.mean(inside))
     return Evidence(
         probability=probability,
-        magnitude=_share(magnitude <= edge),
-        plane=_share(plane <= edge),
-        by_central=tuple(_share(largest <= score_of(share)) for share in centrals),
+        magnitude=float(np.mean(magnitude <= edge)),
+        plane=float(np.mean(plane <= edge)),
+        by_central=tuple(float(np.mean(largest <= score_of(share))) for share in centrals),
         error=share_error(probability, inside.size) + too_near,
         scores=largest,
         real=inside,
     )
-
-
-def _share(flags: Flags) -> float:
-    """Return the share of flags that are set."""
-    return float(flags.mean())
 
 
 def search_grid(

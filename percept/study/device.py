@@ -23,6 +23,7 @@ from percept.haptics import (
     TabulatedDevice,
     VelocityFilter,
 )
+from percept.haptics.arrays import complex_from
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.perceived import Display
@@ -206,22 +207,25 @@ def device_of(scene: Scene) -> AnyDevice | None:
 
 def read_response(path: str, limits: FileLimits) -> TabulatedDevice:
     """Read a CSV of a measured device: omega (rad/s) and Z_d, real and imaginary (N·s/m)."""
+    table = _read_columns(path, _RESPONSE_COLUMNS, limits)
     try:
-        table = csv_frame(path, limits)
-        for name in _RESPONSE_COLUMNS:
-            if name not in table.columns:
-                columns = ", ".join(table.columns)
-                raise UsageError(f"the column is missing; there are {columns}.", column=name)
-        impedance = np.empty(len(table), dtype=complex)
-        # Part by part: 1j times an infinite number is not a number.
-        impedance.real = table["real"].to_numpy(float)
-        impedance.imag = table["imaginary"].to_numpy(float)
-        return TabulatedDevice(omega=table["omega"].to_numpy(float), impedance=impedance)
+        omega, real, imaginary = (table[name].to_numpy(float) for name in _RESPONSE_COLUMNS)
+        return TabulatedDevice(omega, complex_from(real, imaginary))
     except UsageError as error:
         error.file = path
         raise
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise UsageError(f"cannot be read: {error}.", file=path) from error
+
+
+def _read_columns(path: str, names: Sequence[str], limits: FileLimits) -> pd.DataFrame:
+    """Read a CSV that has these columns."""
+    table = csv_frame(path, limits)
+    for name in names:
+        if name not in table.columns:
+            columns = ", ".join(table.columns)
+            raise UsageError(f"There is no column {name!r}; there are {columns}.", file=path)
+    return table
 
 
 def device_draws(scene: Scene) -> Device | None:
@@ -271,12 +275,9 @@ def device_draws(scene: Scene) -> Device | None:
 
 def _read_draws(file: str, parameters: tuple[str, ...], limits: FileLimits) -> Array:
     """Read a CSV with a column per parameter and a row per draw, (N, d)."""
-    table = csv_frame(file, limits)
+    table = _read_columns(file, parameters, limits)
     columns = []
     for name in parameters:
-        if name not in table.columns:
-            columns_found = ", ".join(table.columns)
-            raise UsageError(f"There is no column {name!r}; there are {columns_found}.", file=file)
         values = pd.to_numeric(table[name], errors="coerce").to_numpy(float)
         wrong = np.flatnonzero(~((values > 0.0) & np.isfinite(values)))
         if wrong.size:

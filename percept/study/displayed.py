@@ -50,7 +50,7 @@ from percept.study.regions import (
     regions_of,
     subject_pairs,
 )
-from percept.study.rendering import study_rendering, study_zwidth
+from percept.study.rendering import study_rendering, z_width
 from percept.study.verdicts import (
     MapUsers,
     leaning_on_slips,
@@ -224,7 +224,8 @@ class Displayed(Inferred):
     @property
     def zwidth(self) -> ZWidth | None:
         """The edge of what the device renders with every passive hand; None without a device."""
-        return study_zwidth(self.setup)
+        setup = self.setup
+        return None if setup is None else z_width(setup.loop, setup.references, setup.draws)
 
     @cached_property
     def users(self) -> dict[str, Users]:

@@ -63,20 +63,9 @@ def _rendered(setup: Setup, name: str | None, *, coupled: bool) -> Rendered:
     return Rendered(
         environment=name,
         coupled=coupled,
-        verdict=found.verdict,
-        reason=found.reason,
-        needed_damping=found.needed_damping,
-        margin=found.margin,
-        binding_omega=found.binding_omega,
         by_device=by_device,
+        **vars(found),
     )
-
-
-def study_zwidth(setup: Setup | None) -> ZWidth | None:
-    """Return what the device of a study renders; None without a device."""
-    if setup is None:
-        return None
-    return z_width(setup.loop, setup.references, setup.draws)
 
 
 def z_width(
