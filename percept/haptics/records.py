@@ -19,6 +19,7 @@ from percept.haptics.arrays import (
     nonnegative_array,
     stored,
 )
+from percept.html import NotebookRecord
 
 __all__ = [
     "AnyDevice",
@@ -26,6 +27,7 @@ __all__ = [
     "Device",
     "Environment",
     "Mode",
+    "NeededDamping",
     "TabulatedDevice",
     "refuse_arrays",
 ]
@@ -251,6 +253,17 @@ class TabulatedDevice:
             )
         value = np.interp(size, self.omega, self.impedance)
         return np.where(omega < 0, np.conj(value), value)
+
+
+@dataclass(frozen=True)
+class NeededDamping(NotebookRecord):
+    """Damping that a rigid device needs, for what it renders or by Eq. 10.
+
+    Floats, or of the parameters' shape.
+    """
+
+    damping: Scalars  # N·s/m; inf where no damping suffices
+    omega: Scalars  # The ω that binds, rad/s
 
 
 AnyDevice: TypeAlias = Device | TabulatedDevice

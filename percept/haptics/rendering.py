@@ -34,6 +34,7 @@ from percept.haptics.records import (
     Device,
     Environment,
     Mode,
+    NeededDamping,
     TabulatedDevice,
     refuse_arrays,
 )
@@ -43,7 +44,6 @@ from percept.searches import lowest
 __all__ = [
     "Force",
     "Joined",
-    "NeededDamping",
     "RenderedRegion",
     "Rendering",
     "can_render",
@@ -180,14 +180,6 @@ class Joined:
 
 
 @dataclass(frozen=True)
-class NeededDamping(NotebookRecord):
-    """The damping above which a rigid device renders; floats, or of the parameters' shape."""
-
-    damping: Scalars  # N·s/m; inf where no damping suffices
-    omega: Scalars  # The ω that binds, rad/s
-
-
-@dataclass(frozen=True)
 class Rendering(NotebookRecord):
     """Whether a device renders an environment with every passive hand, in time."""
 
@@ -290,9 +282,8 @@ def needed_damping(
         damping = _damping_at_nyquist(loop.period, environment, coupling)
         return NeededDamping(stored(damping), stored(np.full(damping.shape, loop.nyquist)))
     joined = Joined.of(environment, coupling)
-    largest = _largest_load(replace(loop, device=_UNIT_DAMPER), joined)
-    damping = largest.load.reshape(joined.shape)
-    return NeededDamping(stored(damping), stored(largest.omega.reshape(joined.shape)))
+    damping, omega = _largest_load(replace(loop, device=_UNIT_DAMPER), joined)
+    return NeededDamping(stored(damping.reshape(joined.shape)), stored(omega.reshape(joined.shape)))
 
 
 def _damping_at_nyquist(
@@ -314,15 +305,12 @@ def _damping_at_nyquist(
     return np.asarray(smaller * ratio(larger, smaller + larger, empty=0.0))
 
 
-class _Largest(NamedTuple):
-    """The largest load over ω of n that join a device, (n,)."""
+def _largest_load(loop: Loop, joined: Joined) -> tuple[FloatArray, FloatArray]:
+    """Search the largest load over ω of n that join a device, (n,), and where it is, rad/s.
 
-    load: FloatArray  # On a device of 1 N·s/m the damping needed, N·s/m
-    omega: FloatArray  # Where it is, rad/s
-
-
-def _largest_load(loop: Loop, joined: Joined) -> _Largest:
-    """Search the largest load over ω; it is inf where a pole of H lies outside the circle."""
+    It is inf where a pole of H lies outside the circle. On a device of 1 N·s/m it is the damping
+    needed.
+    """
     of_force = search_grid(replace(loop, device=_NO_DEVICE), joined.resonances())
     candidates = np.unique(np.concatenate([of_force, alias_features(loop)]))
 
@@ -332,7 +320,7 @@ def _largest_load(loop: Loop, joined: Joined) -> _Largest:
 
     least = lowest(negative_load, candidates, joined.size)
     outside = _has_pole_outside(loop, candidates, joined)
-    return _Largest(np.where(outside, np.inf, -least.value), least.x)
+    return np.where(outside, np.inf, -least.value), least.x
 
 
 def _has_pole_outside(loop: Loop, omega: FloatArray, joined: Joined) -> FloatArray:
@@ -368,8 +356,8 @@ def rendering_margins(
         Of the broadcast shape; above 1 the device renders with every passive hand.
     """
     joined = Joined.of(environment, coupling)
-    largest = _largest_load(loop, joined)
-    return ratio(1.0, largest.load, empty=np.inf).reshape(joined.shape)
+    load, _ = _largest_load(loop, joined)
+    return ratio(1.0, load, empty=np.inf).reshape(joined.shape)
 
 
 def can_render(
@@ -396,9 +384,9 @@ def can_render(
         margin = float(ratio(device.damping, need.damping, empty=np.inf))
         binding = float(need.omega)
     else:
-        largest = _largest_load(loop, Joined.of(environment, coupling))
-        margin = float(ratio(1.0, largest.load[0], empty=np.inf))
-        binding = float(largest.omega[0])
+        load, omega = _largest_load(loop, Joined.of(environment, coupling))
+        margin = float(ratio(1.0, load[0], empty=np.inf))
+        binding = float(omega[0])
     verdict: Literal["can", "cannot", "undecided"] = "can"
     reason = f"The smallest margin is {margin:.6g}, at {binding:.6g} rad/s."
     if np.isinf(need.damping):

@@ -19,7 +19,6 @@ from percept.haptics.arrays import (
     LARGEST,
     FloatArray,
     IntArray,
-    Scalars,
     nonnegative_array,
     one_of,
     ratio,
@@ -33,14 +32,19 @@ from percept.haptics.impedance import (
     tustin_damping,
 )
 from percept.haptics.loop import Loop, Warp, covers_range, search_grid
-from percept.haptics.records import Coupling, Device, TabulatedDevice, refuse_arrays
+from percept.haptics.records import (
+    Coupling,
+    Device,
+    NeededDamping,
+    TabulatedDevice,
+    refuse_arrays,
+)
 from percept.html import NotebookRecord
 from percept.searches import lowest, secant_root
 
 __all__ = [
     "AbsoluteStability",
     "Demands",
-    "RequiredDamping",
     "Verdict",
     "absolute_stability",
     "coupling_bound",
@@ -56,15 +60,6 @@ _ROUNDING = 1e-12
 # κ = K/2β from which on the demand is largest at DC.
 _KAPPA_AT_DC = float(np.sqrt(0.8))
 _NO_DEVICE = Device(0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class RequiredDamping(NotebookRecord):
-    """The damping that a coupling asks of a rigid device; floats, or of the coupling's shape."""
-
-    # Smallest b_d with which Eq. 10 holds at every ω, N·s/m; inf where no damping suffices.
-    damping: Scalars
-    omega: Scalars  # The ω that binds, rad/s
 
 
 def required_damping_at(
@@ -137,7 +132,7 @@ def demands(grid: Warp) -> Demands:
 
 def required_damping(
     loop: Loop, coupling: Coupling, *, discretization: str = "backward"
-) -> RequiredDamping:
+) -> NeededDamping:
     """Return the damping a rigid device needs for a coupling (Eq. 10 over all ω).
 
     It is a closed form without delay and filter, and searched over ω with one. Parameters as in
@@ -145,7 +140,7 @@ def required_damping(
 
     Returns
     -------
-    RequiredDamping
+    NeededDamping
         Damping, N·s/m, and the ω where it binds, rad/s, of the coupling's shape.
 
     Raises
@@ -171,7 +166,7 @@ def required_damping(
         at_nyquist = beta / np.pi
         damping = np.maximum(at_dc, at_nyquist)
         omega = np.where(at_dc > at_nyquist, 0.0, np.pi / period)
-        return RequiredDamping(stored(damping), stored(omega))
+        return NeededDamping(stored(damping), stored(omega))
     interior = kappa < _KAPPA_AT_DC
     inner = np.where(interior, kappa, 0.0)
     u = np.arctanh(inner) * (2 / 3)
@@ -185,10 +180,10 @@ def required_damping(
     one_minus_y = 2 * np.sinh(u + rise / 2) * np.sinh(rise / 2)
     quarter_angle = np.arcsin(np.sqrt(one_minus_y / 2))
     omega = np.where(interior, (4 / period) * quarter_angle, 0.0)
-    return RequiredDamping(stored(damping), stored(omega))
+    return NeededDamping(stored(damping), stored(omega))
 
 
-def _searched_damping(loop: Loop, coupling: Coupling, discretization: str) -> RequiredDamping:
+def _searched_damping(loop: Loop, coupling: Coupling, discretization: str) -> NeededDamping:
     """Return what `required_damping` does, by a search over ω."""
     k_c, b_c = np.broadcast_arrays(coupling.stiffness, coupling.damping)
     flat = Coupling(k_c.ravel(), b_c.ravel())
@@ -201,7 +196,7 @@ def _searched_damping(loop: Loop, coupling: Coupling, discretization: str) -> Re
 
     least = lowest(negative_demand, search_grid(replace(loop, device=_NO_DEVICE)), k_c.size)
     needed = np.where(least.value == -LARGEST, np.inf, -least.value)
-    return RequiredDamping(stored(needed.reshape(k_c.shape)), stored(least.x.reshape(k_c.shape)))
+    return NeededDamping(stored(needed.reshape(k_c.shape)), stored(least.x.reshape(k_c.shape)))
 
 
 def stability_margin(
