@@ -203,13 +203,21 @@ class Summary:
     inaccurate: list[tuple[str, str]] = field(default_factory=list)
     table: Path = Path()  # The rows of all studies
 
+    def count(self, name: str, outcome: Outcome) -> None:
+        """Count a study."""
+        self.counts[outcome.status] += 1
+        if outcome.status != "done":
+            self.failures.append((name, outcome.message))
+        elif outcome.message:
+            self.inaccurate.append((name, outcome.message))
+
 
 def run_batch(
     studies: Sequence[StudySource],
     out: str | Path,
     mapper: Mapper,
     *,
-    progress: Callable[[Summary], None] | None = None,
+    progress: Callable[[Summary], None] = lambda summary: None,
     force: bool = False,
 ) -> Summary:
     """Analyse the studies that a folder has no rows of.
@@ -239,73 +247,49 @@ def run_batch(
         The folder cannot be used, or holds files that percept did not write.
     """
     folder = own_folder(out, force=force)
+    summary = Summary(len(studies), table=folder / "batch.csv")
+    keys: list[str] = []  # Of the studies, in their order
     with exclusive(folder, wait=False):
         kept = Checkpoint(folder / _FINISHED, "batch", what="analysed")
-        batch = _Batch(studies, kept, progress)
-        for job, outcome in mapper(analyse, batch.unfinished()):
+        outcomes = {key: Outcome(**line) for key, line in kept.read().items()}
+
+        def tell(name: str, outcome: Outcome) -> None:
+            summary.count(name, outcome)
+            progress(summary)
+
+        def finish(name: str, key: str, outcome: Outcome) -> None:
+            """Keep what became of a study."""
+            outcomes[key] = outcome
+            kept.append(key, dataclasses.asdict(outcome))
+            tell(name, outcome)
+
+        def unfinished() -> Iterator[Job]:
+            """Read one study after the other; unreadable and finished ones need no worker."""
+            for source in studies:
+                name = source.path
+                try:
+                    key = source.key()
+                except (PerceptError, OSError) as error:
+                    # A file that cannot be opened may be there next time.
+                    key = digest("unread", name)
+                    keys.append(key)
+                    finish(name, key, encode(name, key, "failed", str(error)))
+                    continue
+                keys.append(key)
+                earlier = outcomes.get(key)
+                if earlier is not None and earlier.status != "failed":
+                    summary.skipped += 1
+                    tell(name, earlier)
+                    continue
+                try:
+                    yield source.read()
+                except (PerceptError, OSError) as error:
+                    finish(name, key, encode(name, key, "refused", str(error)))
+
+        for job, outcome in mapper(analyse, unfinished()):
             if isinstance(outcome, Exception):
                 outcome = _failed(job.name, job.key, outcome)
-            batch.finish(job.name, job.key, outcome)
-        batch.summary.table = folder / "batch.csv"
-        write_whole(batch.summary.table, batch.rows().encode())
-    return batch.summary
-
-
-class _Batch:
-    """A batch while it runs."""
-
-    def __init__(
-        self,
-        studies: Sequence[StudySource],
-        kept: Checkpoint,
-        progress: Callable[[Summary], None] | None,
-    ) -> None:
-        self.studies = studies
-        self.kept = kept
-        self.summary = Summary(len(studies))
-        self.progress = progress
-        self.keys: list[str] = []  # Of the studies, in their order
-        self.outcomes = {key: Outcome(**line) for key, line in kept.read().items()}
-
-    def unfinished(self) -> Iterator[Job]:
-        """Read one study after the other; unreadable and finished ones need no worker."""
-        for source in self.studies:
-            name = source.path
-            try:
-                key = source.key()
-            except (PerceptError, OSError) as error:
-                # A file that cannot be opened may be there next time.
-                key = digest("unread", name)
-                self.keys.append(key)
-                self.finish(name, key, encode(name, key, "failed", str(error)))
-                continue
-            self.keys.append(key)
-            earlier = self.outcomes.get(key)
-            if earlier is not None and earlier.status != "failed":
-                self.summary.skipped += 1
-                self._count(name, earlier)
-                continue
-            try:
-                yield source.read()
-            except (PerceptError, OSError) as error:
-                self.finish(name, key, encode(name, key, "refused", str(error)))
-
-    def finish(self, name: str, key: str, outcome: Outcome) -> None:
-        """Keep what became of a study."""
-        self.outcomes[key] = outcome
-        self.kept.append(key, dataclasses.asdict(outcome))
-        self._count(name, outcome)
-
-    def rows(self) -> str:
-        """Return the rows of all studies as CSV, in their order."""
-        return _HEADER + "".join(self.outcomes[key].rows for key in self.keys)
-
-    def _count(self, name: str, outcome: Outcome) -> None:
-        """Count a study and tell how far the batch is."""
-        self.summary.counts[outcome.status] += 1
-        if outcome.status != "done":
-            self.summary.failures.append((name, outcome.message))
-        elif outcome.message:
-            self.summary.inaccurate.append((name, outcome.message))
-        if self.progress:
-            self.progress(self.summary)
+            finish(job.name, job.key, outcome)
+        rows = _HEADER + "".join(outcomes[key].rows for key in keys)
+        write_whole(summary.table, rows.encode())
+    return summary

@@ -68,7 +68,7 @@ def numbers_version(*parts: str) -> str:
 
 
 def digest(*parts: object) -> str:
-    """Return the SHA-256 of nested tuples, lists and dicts of text, numbers, None and arrays.
+    """Return the SHA-256 of nested lists and dicts of text, numbers, None, arrays and scenes.
 
     Parameters
     ----------
@@ -85,11 +85,13 @@ def digest(*parts: object) -> str:
     TypeError
         A part of another type.
     """
-    return hashlib.sha256(json.dumps(parts, default=_array, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(parts, default=_plain, sort_keys=True).encode()).hexdigest()
 
 
-def _array(value: Any) -> list[object]:
-    """Stand for an array in JSON."""
+def _plain(value: Any) -> object:
+    """Stand for an array or a scene in JSON."""
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
     if not isinstance(value, np.ndarray) or value.dtype.hasobject:
         raise TypeError(f"{type(value).__name__} has no digest.")
     data = np.ascontiguousarray(value).tobytes()

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from percept.cache import digest
 from percept.errors import RefusalError, UsageError, counted
 from percept.files import exclusive
 from percept.workers import Mapper, in_process
@@ -27,13 +25,7 @@ _START = '{"plan": "'
 
 def plan_digest(plan: DataclassInstance) -> str:
     """Return a digest that tells results of different plans apart."""
-    text = json.dumps(dataclasses.asdict(plan), sort_keys=True, default=_plain)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _plain(value: Any) -> Any:
-    """Stand for an array or a scene in JSON."""
-    return value.tolist() if isinstance(value, np.ndarray) else value.to_dict()
+    return digest(dataclasses.asdict(plan))[:16]
 
 
 class Checkpoint:

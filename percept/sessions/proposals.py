@@ -31,7 +31,8 @@ _IDS = {
     "environment": "condition cond condition_id condition_name",
     "trial": "trl trial_nr trial_n trial_id trialnum repetition rep",
 }
-#: Words of adjustments and references, some only beside a stem, and of what nobody adjusted.
+#: Words of adjustments and references, those that count beside a stem alone, and words of what
+#: nobody adjusted.
 _WORDS = {
     "adjusted": "response resp adjusted adjustment match matched estimate estimated reproduced"
     " reproduction",
@@ -42,6 +43,8 @@ _WORDS = {
     " elapsed wait frame frames error err bias deviation difference diff confidence initial type"
     " key keys button count index history accuracy acc correct id sd se nr no num number code",
 }
+#: The kind of each of these words.
+_KINDS = {word: kind for kind, words in _WORDS.items() for word in words.split()}
 _BRACKETED = re.compile(r"[(\[]\s*([^)\]]+?)\s*[)\]]\s*$")
 #: percept's own quantities, by words of a column.
 _OWN = {"k": "k", "stiffness": "k", "b": "b", "damping": "b"}
@@ -154,12 +157,11 @@ def _roles(columns: Sequence[_Column]) -> _Roles:
 
 def _matched(columns: Sequence[_Column]) -> _Roles:
     """Find adjustments, and the reference that shares the rest of its name with each of them."""
-    adjusted = list(_of_role(columns, "adjusted", "reference"))
-    references = list(_of_role(columns, "reference", "adjusted"))
+    adjusted = list(_of_kind(columns, "adjusted"))
     pairs = [
         (match, stem, reference)
         for other, match in adjusted
-        for stem, reference in references
+        for stem, reference in _of_kind(columns, "reference")
         # An adjustment's name may say more: "pos x" and "pos x pivot".
         if stem == other[: len(stem)] and bool(stem) == bool(other)
     ]
@@ -174,25 +176,17 @@ def _matched(columns: Sequence[_Column]) -> _Roles:
     return roles or nothing
 
 
-def _of_role(
-    columns: Sequence[_Column], role: str, other: str
-) -> Iterator[tuple[tuple[str, ...], _Column]]:
-    """Give the columns of numbers that words put in a role, with the words that remain."""
-    alone = _words(role)
-    with_stem = alone | _words(f"{role}, with a stem")
-    against = _words("nothing") | _words(other) | _words(f"{other}, with a stem")
+def _of_kind(columns: Sequence[_Column], kind: str) -> Iterator[tuple[tuple[str, ...], _Column]]:
+    """Give the columns of numbers of a kind, with the words of their names that remain."""
+    of_kind = {kind, f"{kind}, with a stem"}
+    # Two different values are answers to a choice, and no adjustments.
+    fewest = 3 if kind == "adjusted" else 1
     for column in columns:
-        words = set(column.words)
-        stem = tuple(word for word in column.words if word not in with_stem)
-        # Two different values are answers to a choice, and no adjustments.
-        is_choice = role == "adjusted" and len(column.cells) < 3
-        fits = words & (with_stem if stem else alone) and not words & against
-        if fits and column.has_numbers and not is_choice:
+        stem = tuple(word for word in column.words if word not in _KINDS)
+        kinds = {_KINDS[word] for word in column.words if word in _KINDS}
+        fits = kinds <= of_kind and bool(kinds if stem else kind in kinds)
+        if fits and column.has_numbers and len(column.cells) >= fewest:
             yield stem, column
-
-
-def _words(role: str) -> set[str]:
-    return set(_WORDS[role].split())
 
 
 def _quantity(stem: tuple[str, ...], unit: str) -> str:
@@ -219,8 +213,8 @@ def _scene(
     if not quantities.keys() <= IMPEDANCE.keys():
         for name in quantities:
             lines += ["", f"[quantities.{name}]"]
+            unit = _unit(name, roles)
             if name not in IMPEDANCE:
-                unit = _unit(name, roles)
                 ask = "" if unit else '  # such as "ms"; "" for a pure number'
                 lines.append(f"unit = {_toml(unit or TO_FILL_IN)}{ask}")
     lines += ["", "[columns]"]
