@@ -158,34 +158,28 @@ def plain(name: str) -> str:
 
 def _slots(grid: Grid, rules: _Rules, options: ReadOptions) -> tuple[Slot, ...]:
     """Give the one slot of a long table, or those that the names of a wide one hold."""
-    wide = {name: rule for name, rule in rules.items() if _IN_NAMES.search(rule.name)}
-    common = {name: grid.position(rules[name].name) for name in rules if name not in wide}
-    alone = _alone(rules, options)
-    if not wide:
-        return (Slot(common, alone),)
     taken = {rule.name for rule in rules.values()} | _named_apart(options)
+    common: dict[str, int] = {}
     positions: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
-    for canonical, rule in wide.items():
-        pattern = re.compile(_ID.sub(_group, re.escape(rule.name)), re.DOTALL)
+    for canonical, rule in rules.items():
+        if not _IN_NAMES.search(rule.name):
+            common[canonical] = grid.position(rule.name)
+            continue
+        pattern = _ID.sub(r"(?P<\1>.+)", re.escape(rule.name)).replace("<trial>.+", "<trial>[0-9]+")
         # "{environment}" alone fits every column: those are meant that the scene declares.
         declared = options.environments if rule.name == "{environment}" else {}
         for name in grid.header:
-            match = pattern.fullmatch(name)
+            match = re.fullmatch(pattern, name, re.DOTALL)
             if match and name not in taken and (not declared or name in declared):
                 ids = tuple(match.groupdict().items())
                 positions.setdefault(ids, {})[canonical] = grid.position(name)
-    if not positions:
+    wide = [rule.name for name, rule in rules.items() if name not in common]
+    if wide and not positions:
         message = "no column fits the pattern in [columns]."
-        name = next(iter(wide.values())).name
-        raise grid.error(message, name, f"The columns are {shown(grid.header)}.")
-    return tuple(
-        Slot(columns=common | columns, ids=alone | dict(ids)) for ids, columns in positions.items()
-    )
-
-
-def _group(match: re.Match[str]) -> str:
-    """Turn an id in an escaped pattern into a group; numbers count trials."""
-    return f"(?P<{match[1]}>{'[0-9]+' if match[1] == 'trial' else '.+'})"
+        raise grid.error(message, wide[0], f"The columns are {shown(grid.header)}.")
+    alone = _alone(rules, options)
+    slots = (positions or {(): {}}).items()
+    return tuple(Slot(common | columns, alone | dict(ids)) for ids, columns in slots)
 
 
 def _alone(rules: _Rules, options: ReadOptions) -> dict[str, str]:

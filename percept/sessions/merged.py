@@ -128,10 +128,9 @@ def make_absolute(table: pd.DataFrame, parameters: Sequence[str], log: Log) -> N
     """Make adjustments of ratios to their references, and of differences from them."""
     for p in parameters:
         rule = log.options.columns.get(f"{p}_adj")
-        response = rule.response if rule else None
-        if response == "ratio":
+        if rule and rule.response == "ratio":
             table[f"{p}_adj"] *= table[f"{p}_ref"]
-        elif response == "difference":
+        elif rule and rule.response == "difference":
             table[f"{p}_adj"] += table[f"{p}_ref"]
 
 
@@ -189,14 +188,13 @@ def by_environment(table: pd.DataFrame, chosen: Any) -> str:
 
 def count_grid(table: pd.DataFrame, parameters: Iterable[str]) -> dict[str, int]:
     """Count observations, and the holes of the subject × environment × trial grid."""
-    filled = table.groupby(["subject", "environment"], sort=False).size()
-    subjects = table["subject"].nunique()
-    environments = table["environment"].nunique()
+    grid = table.groupby(["subject", "environment"], sort=False).size().unstack(fill_value=0)
+    filled = grid.to_numpy()[grid > 0]
     counts = {
         "observations": len(table),
-        "subjects": subjects,
-        "environments": environments,
-        "empty cells (subject × environment)": subjects * environments - len(filled),
+        "subjects": len(grid),
+        "environments": len(grid.columns),
+        "empty cells (subject × environment)": grid.size - len(filled),
         "missing repeats": int((filled.max() - filled).sum()),
     }
     return counts | {f"rows without {p}": int(table[f"{p}_adj"].isna().sum()) for p in parameters}

@@ -7,7 +7,7 @@ The table's columns have percept's names or are `FileColumn` labels; its index i
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
@@ -209,32 +209,23 @@ def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
         file.report(Found(message, column, row, hint=hint) for row in rows)
 
 
-def _numbers(file: OpenFile, names: Iterable[Any]) -> list[Any]:
-    """Give the columns of numbers among those named."""
-    canonical = {"trial", *numbers_of(file.options.quantities)}
-    return [name for name in names if name in canonical or getattr(name, "is_number", False)]
-
-
 def _convert(file: OpenFile, data: pd.DataFrame) -> None:
     """Convert columns of numbers to percept's units, by the file's one decimal mark."""
     quantities = with_mass(file.options.quantities)
-    for name, numbers in file.numbers(data, _numbers(file, data), _CORRECT_CELL).items():
-        rule = file.resolution.rules.get(name)
+    canonical = {"trial", *numbers_of(quantities)}
+    names = [name for name in data if name in canonical or getattr(name, "is_number", False)]
+    for name, numbers in file.numbers(data, names, _CORRECT_CELL).items():
         data[name] = numbers
-        if name == "trial":
-            data[name] = _whole(file, data[name])
-        elif rule is not None:
-            scale = rule.scale * factor(rule.unit, quantities[quantity_of(name)])
-            data[name] = numbers * scale
-
-
-def _whole(file: OpenFile, trials: pd.Series[float]) -> pd.Series[int]:
-    """Numbers of trials; those that are not whole are problems."""
-    whole = (trials.abs() < _WHOLE) & (trials == trials.round())
-    hint = "Number the trials 1, 2, 3 …"
-    for row, value in trials[~whole & trials.notna()].items():
-        file.report([Found("a trial number must be whole.", "trial", row, value, hint)])
-    return trials.where(whole, 0).astype(np.int64)
+        rule = file.resolution.rules.get(name)
+        if rule is not None and name != "trial":
+            data[name] *= rule.scale * factor(rule.unit, quantities[quantity_of(name)])
+    if "trial" in data:
+        trials = data["trial"]
+        whole = (trials.abs() < _WHOLE) & (trials == trials.round())
+        hint = "Number the trials 1, 2, 3 …"
+        for row, value in trials[~whole & trials.notna()].items():
+            file.report([Found("a trial number must be whole.", "trial", row, value, hint)])
+        data["trial"] = trials.where(whole, 0).astype(np.int64)
 
 
 def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
@@ -263,11 +254,9 @@ def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
         if column not in data or not pd.api.types.is_numeric_dtype(data[column]):
             key = f"sessions.exclude {rule.column}"
             raise UsageError("limits need a column of numbers.", key=key)
-        lowest = -np.inf if rule.below is None else rule.below
-        highest = np.inf if rule.above is None else rule.above
-        numbers = data[column].to_numpy()
-        is_beyond = (numbers < lowest) | (numbers > highest)
-        data = _exclude(file, data, is_beyond, rule.why)
+        numbers = data[column]
+        is_beyond = numbers.notna() & (numbers != numbers.clip(rule.below, rule.above))
+        data = _exclude(file, data, is_beyond.to_numpy(), rule.why)
     return data
 
 

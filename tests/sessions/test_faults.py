@@ -191,11 +191,6 @@ IN_WORKBOOKS = {
         3,
         "18 of 24 rows have no subject: cells merged down?",
     ),
-    "several sheets": (
-        {"P1": MERGED[:5], "P2": MERGED[:5], "empty": []},
-        None,
-        "the file holds several tables; there are 'P1', 'P2'.",
-    ),
 }
 
 
@@ -244,7 +239,9 @@ def test_sheets_of_subjects_are_read_together(tmp_path):
 
 def test_a_sheet_of_several_is_named_behind_two_colons(tmp_path):
     path = workbook(tmp_path, trials=[NAMES, *rows()], notes=[["a", "b"], [1, 2]])
-    assert refusal(path).hint == (
+    problem = refusal(path)
+    assert problem.message == "the file holds several tables; there are 'trials', 'notes'."
+    assert problem.hint == (
         f"Name one behind two colons: {path}::trials. Or read all that are alike: [sessions] sheet"
         ' = "*".'
     )

@@ -54,26 +54,6 @@ def test_values_without_references_give_the_means_that_scipy_gives(ratings, tmp_
     assert "the reference" not in re.findall("<li>(.*?)</li>", page)[0]
 
 
-def test_the_prior_of_means_hardly_draws_them_to_zero(tmp_path):
-    values = [231.0, 244.0, 262.0]
-    table = pd.DataFrame({"subject": ["A", "B", "C"], "environment": "first", "t_adj": values})
-    quantity = {"unit": "ms", "reference": "none"}
-    limits = {}
-    for name, priors in {"default": {}, "narrow": {"alpha_sd": 1.0}}.items():
-        scene = Scene(
-            quantities={"t": quantity},
-            inference={"family": "normal", "method": "bayesian"},
-            model={"scale": {"t": 50.0}, "priors": priors},
-        )
-        study = Study(
-            Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene
-        )
-        limits[name] = study.intervals.query("kind == 'mean'").iloc[0]
-    # N(0, 10²) of scales of 50 ms lets the mean lie at five of them; N(0, 1²) does not.
-    assert limits["default"].estimate == pytest.approx(np.mean(values), abs=10.0)
-    assert limits["narrow"].estimate < limits["default"].estimate - 10.0
-
-
 @pytest.mark.parametrize("scale", [10.0, 0.001])
 def test_means_far_apart_stay_where_the_data_have_them_or_are_the_first_thing_said(scale):
     rng = np.random.default_rng(3)

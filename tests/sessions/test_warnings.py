@@ -89,33 +89,6 @@ def test_rows_of_a_filtered_table_keep_their_places(tmp_path):
     assert (kept.warnings[0].row, kept.warnings[0].column) == (10, "k_adj")
 
 
-def test_every_one_of_many_slips_is_named(tmp_path):
-    rows = [
-        f"{s},hard,2000,10,{100_000 + s if s > 21 else 2200 + s},{9 + s / 40}" for s in range(1, 34)
-    ]
-    rows += [f"{s},hard,2000,10,{2200 + s},{9 + s / 40}" for s in range(34, 50)]
-    named = warnings_of(tmp_path, rows)
-    assert len(named) == 12
-    assert named[0].startswith("s.csv:23:k_adj: k = 100022 of subject '22', where the other trials")
-
-
-@pytest.mark.parametrize("family", ["lognormal", "normal"])
-def test_values_without_a_logarithm_have_two_ways_out(tmp_path, family):
-    values = [*(100 + s / 8 for s in range(30)), 0]
-    rows = [f"{s},soft,100,1,{value},{1 + s / 100}" for s, value in enumerate(values)]
-    options = ReadOptions.from_mapping({"inference": {"family": family}})
-    found = warnings_of(tmp_path, rows, options)
-    if family == "normal":
-        assert found == []
-        return
-    (said,) = found
-    assert said.startswith(
-        "s.csv:32:k_adj: 1 value of k (3.2% of 31) is zero or negative, here the"
-    )
-    assert ": 1 of 31 in 'soft' (1 subject). If people meant it, set family = \"normal\"" in said
-    assert 'exclude = [{ column = "k_adj", below = 100.0, why = "not meant" }] leaves such' in said
-
-
 def test_groups_are_not_pooled_in_silence(tmp_path):
     path = tmp_path / "s.csv"
     rows = [f"{row},{'left' if row[0] < '3' else 'right'}" for row in CLEAN]
@@ -138,6 +111,11 @@ OF_SCENES = {
         X + "".join(f"{s},{'ab'[s % 2]},14,{12 + s}\n" for s in range(1, 9)),
         {"quantities": {"x": {}}},
         ["each subject met one environment: environments are groups of subjects"],
+    ),
+    "zeros of the normal family": (
+        X + "1,a,14,0\n2,a,14,-1\n3,a,14,2\n",
+        {"quantities": {"x": {}}, "inference": {"family": "normal"}, "model": {"scale": {"x": 1}}},
+        [],
     ),
     "a cell whose trials lie at a limit": (
         X + SCALE,
