@@ -35,7 +35,7 @@ ALLOWED = {
     "published": {"simulate", "sessions", "inference", "errors"},
     "judge": _ANALYSIS | {"simulate"},
     "calibration": _ANALYSIS | {"judge", "simulate", "checkpoint", "workers", "provenance"},
-    "checkpoint": {"files", "workers", "errors"},
+    "checkpoint": {"cache", "files", "workers", "errors"},
     "batch": {
         "study",
         "sessions",
