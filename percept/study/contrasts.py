@@ -242,9 +242,21 @@ def posterior_contrasts(fit: Fit) -> Iterator[ContrastRow | Skipped]:
         last = first + len(contrasts)
         yield from _rows(fit, contrasts, kinds, fit.all_moments.of(slice(first, last)))
         first = last
-    for contrast in fit.contrasts:
-        if contrast.is_ratio:
-            yield _ratio(fit, contrast)
+    for of, ratios_of in (("spread", _spread_ratios), ("precision", _trial_sd_ratios)):
+        ratios = [contrast for contrast in fit.contrasts if contrast.of == of]
+        if not ratios:
+            continue
+        drawn = ratios_of(fit, np.stack([contrast.row for contrast in ratios]))
+        for contrast, draws in zip(ratios, drawn, strict=True):
+            limits = fit.limits_of_draws(draws)
+            yield contrast_row(
+                fit.data,
+                contrast,
+                ends_of(limits),
+                contrast.subjects,
+                method="bayesian",
+                error=limits.error,
+            )
 
 
 def _rows(
@@ -322,28 +334,27 @@ def _limits_together(
     return found
 
 
-def _ratio(fit: Fit, contrast: Contrast) -> ContrastRow:
-    """Make the row of a ratio of SDs, from every draw."""
+def _spread_ratios(fit: Fit, rows: Array) -> Array:
+    """Ratios of the SDs between users, (L, S), with weights (L, R), at every draw."""
+    sides = np.concatenate([np.maximum(rows, 0.0), np.maximum(-rows, 0.0)])
+    of_sides = fit.model.user_sds(fit.every_point, sides).T
+    above, below = np.split(of_sides, 2)
+    return np.asarray(above / below)
+
+
+def _trial_sd_ratios(fit: Fit, rows: Array) -> Array:
+    """Ratios of geometric means of trial SDs, (L, S), with weights (L, R), at every draw."""
     points = fit.every_point
-    if contrast.of == "spread":
-        sides = [np.maximum(contrast.row, 0.0), np.maximum(-contrast.row, 0.0)]
-        sds = fit.model.user_sds(points, np.stack(sides))
-        ratios = sds[:, 0] / sds[:, 1]
-    else:
-        # Geometric means of trial SDs; locations that are no cells have none.
-        log_sds = []
-        for model, coordinates in fit.model.split(points):
-            of_locations = np.zeros((len(points), model.locations))
-            scales = model.scales(coordinates)
-            if "sigma_e" in scales:
-                _, sd = scales["sigma_e"]
-                of_locations[:, : len(model.cells)] = np.log(sd).reshape(len(points), -1)
-            log_sds.append(of_locations)
-        ratios = np.exp(np.hstack(log_sds) @ contrast.row)
-    limits = fit.limits_of_draws(ratios)
-    ends = ends_of(limits)
-    n = contrast.subjects
-    return contrast_row(fit.data, contrast, ends, n, method="bayesian", error=limits.error)
+    log_sds = []
+    for model, coordinates in fit.model.split(points):
+        # Locations that are no cells have none.
+        of_locations = np.zeros((len(points), model.locations))
+        scales = model.scales(coordinates)
+        if "sigma_e" in scales:
+            _, sd = scales["sigma_e"]
+            of_locations[:, : len(model.cells)] = np.log(sd).reshape(len(points), -1)
+        log_sds.append(of_locations)
+    return np.exp(rows @ np.hstack(log_sds).T)
 
 
 def _with_means(data: Data) -> Iterator[tuple[str, Trials, SubjectCells]]:
