@@ -63,12 +63,10 @@ def _intervals_without(fit: Fit, loo: Loo, predicted: Predicted) -> Iterator[Int
     found = intervals_left_out(predicted, fit.data.asked.level)
     trusted = loo.trusted[:, None]
     of_cells = found.reshape(3, len(trusted), -1)
-    lower, estimate, upper = np.where(trusted, fit.scale.native(of_cells), np.nan)
+    ends = np.where(trusted, fit.scale.native(of_cells), np.nan)
     for (parameter, environment), c in fit.column.items():
-        ends = {}
-        for name, values in {"lower": lower, "estimate": estimate, "upper": upper}.items():
-            ends[name] = tuple(known(value) for value in values[:, c].tolist())
-        yield IntervalWithout(environment=environment, parameter=parameter, **ends)
+        lower, estimate, upper = [tuple(map(known, end)) for end in ends[:, :, c].tolist()]
+        yield IntervalWithout(environment, parameter, estimate, lower, upper)
 
 
 def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:

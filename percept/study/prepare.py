@@ -228,9 +228,8 @@ def _unpooled(data: Data) -> Prepared:
 
 def _arrays(moments: dict[tuple[str, str], Moments]) -> tuple[Array, Array, NDArray[np.int64]]:
     """Means, SDs and numbers of subjects of C cells, (C,) each."""
-    means = np.array([cell.mean for cell in moments.values()])
-    sds = np.array([cell.sd for cell in moments.values()])
-    return means, sds, np.array([cell.n for cell in moments.values()])
+    mean, sd, n = np.array([(cell.mean, cell.sd, cell.n) for cell in moments.values()]).T
+    return mean, sd, n.astype(np.int64)
 
 
 def _all_moments(data: Data) -> dict[tuple[str, str], Moments]:

@@ -153,14 +153,14 @@ def trials(
             refuse_no_ratio(present, sessions.quantities, hint=NO_SCALE.format(name))
         elif any(references[name, where] <= 0.0 for where in sessions.environments):
             unit[p] = scene.model.scale.get(name, 1.0)
-    environment = _codes(table["environment"], environments)
+    environment = pd.Index(environments).get_indexer(pd.Index(table["environment"]))
     reference_of_trial = reference[:, environment].T
     response = (adjusted - reference_of_trial) / unit[:, environment].T
     if lognormal:
         response = np.log(adjusted / reference_of_trial)
     return Trials(
         response=response,
-        subject=_codes(table["subject"], subjects),
+        subject=pd.Index(subjects).get_indexer(pd.Index(table["subject"])),
         environment=environment,
         parameters=parameters,
         subjects=subjects,
@@ -187,11 +187,6 @@ def _incomplete(
     for name in sessions.environments:
         if name not in measured:
             yield Skipped(f"Bayesian intervals of {name}", f"no trial there has {needed}")
-
-
-def _codes(names: pd.Series[str], labels: tuple[str, ...]) -> NDArray[np.intp]:
-    """Return the place of each name among the labels."""
-    return pd.Categorical(names, categories=labels).codes.astype(np.intp)
 
 
 def _refuse_no_logarithm(sessions: Sessions, adjusted: pd.DataFrame) -> None:

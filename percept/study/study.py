@@ -90,16 +90,16 @@ class Study(Displayed):
         if isinstance(scene, str | Path):
             scene = Scene.load(scene)
         scene = scene or Scene()
+        if isinstance(sessions, str | Path):
+            sessions = [sessions]
         if isinstance(sessions, pd.DataFrame):
             sessions = Sessions.from_frame(sessions, scene=scene)
-        elif isinstance(sessions, str | Path):
-            sessions = read_sessions(sessions, scene=scene)
-        elif not isinstance(sessions, Sessions | Sequence):
+        elif isinstance(sessions, Sequence):
+            sessions = read_sessions(*sessions, scene=scene)
+        elif not isinstance(sessions, Sessions):
             kind = type(sessions).__name__
             hint = "Give Sessions, files or a DataFrame."
             raise UsageError(f"a study is of sessions, not of {kind}.", hint=hint)
-        elif not isinstance(sessions, Sessions):
-            sessions = read_sessions(*sessions, scene=scene)
         sessions.options.require(scene)
         if len(sessions.environments) > _MOST_ENVIRONMENTS:
             raise RefusalError(
