@@ -369,22 +369,22 @@ def _chosen(
     ]
     chosen = np.full(shape[1], len(candidates) - 1)
     unsettled = np.arange(shape[1])
+    reaches_edges = [_reaches_edges(users, plane, radius, inner) for inner in (STIFFNESS, DAMPING)]
     # The last shares of each kind of integral.
     shares = np.full((2, 2, *shape), np.nan)
     for number, integral in enumerate(candidates):
-        if not unsettled.size:
-            break
-        some = plane.select(unsettled)
-        there = radius[..., unsettled]
-        finer = share_within(users, some, there, integral)
-        coarser = shares[int(integral.even), integral.inner]
-        change = np.abs(finer - coarser[:, unsettled]).max(axis=0)
-        coarser[:, unsettled] = finer
-        settled = change < _AGREEMENT * _ACCURACY
+        tried = unsettled
         if integral.even:
-            settled &= _reaches_edges(users, some, there, integral)
-        chosen[unsettled[settled]] = number
-        unsettled = unsettled[~settled]
+            tried = unsettled[reaches_edges[integral.inner][unsettled]]
+        if not tried.size:
+            continue
+        finer = share_within(users, plane.select(tried), radius[..., tried], integral)
+        coarser = shares[int(integral.even), integral.inner]
+        change = np.abs(finer - coarser[:, tried]).max(axis=0)
+        coarser[:, tried] = finer
+        settled = tried[change < _AGREEMENT * _ACCURACY]
+        chosen[settled] = number
+        unsettled = np.setdiff1d(unsettled, settled)
     return {candidates[number]: chosen == number for number in np.unique(chosen).tolist()}
 
 
@@ -392,10 +392,10 @@ def _reaches_edges(
     users: Users,
     plane: DistancePlane,
     radius: Array,
-    integral: DiscIntegral,
+    inner: int,
 ) -> Flags:
     """Say at which frequencies (M,) no population's disc ends between the edges."""
-    outer, _ = _outer_and_inner(users, plane, integral.inner)
+    outer, _ = _outer_and_inner(users, plane, inner)
     low, high = _ends(outer, radius, log=users.log)
     below = low == -_EDGE
     above = high == _EDGE
