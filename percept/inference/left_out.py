@@ -25,7 +25,7 @@ from percept.inference.model.blocks import Block
 from percept.inference.model.gaussian import SubjectCovariance
 from percept.inference.model.model import LinearModel
 from percept.inference.model.predictions import SubjectLaws, subject_laws
-from percept.inference.model.trials import trial_scatter
+from percept.inference.model.statistics import trial_scatter
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -156,8 +156,8 @@ class SubjectDensity:
         if groups is None:
             return 0.0
         scatter = self._scatter
-        of_model = self.density.statistics.scatter
-        trial = groups[of_model.group_of(self._subject, scatter.cell)]  # (T, W)
+        of_model = self.density.statistics.group
+        trial = groups[of_model[self._subject, scatter.cell]]  # (T, W)
         minus_twice = trial.distance(tuple(scatter.rows[..., None]))
         minus_twice += scatter.df[:, None] * trial.log_determinant()
         constant = scatter.df * _LOG_2PI + np.log(scatter.df + 1.0)

@@ -190,7 +190,7 @@ def _of_trials(measured: Measured, trials: Trials, j: int) -> _Rows:
     df = float(trials.statistics.trial_df[j])
     if df == 0.0:
         return
-    trial_sd = abs(float(trials.statistics.trial_rows[0, 0, j])) / math.sqrt(df)
+    trial_sd = math.sqrt(float(trials.statistics.trial_squares[0, j]) / df)
     yield from measured.rows("sigma_e", sd_interval(trial_sd, df, level=level))
     present = trials.counts[:, j] > 0
     means = trials.statistics.cell_means[present, 0, j]
@@ -218,7 +218,7 @@ def _components(measured: Measured, trials: Trials) -> _Rows:
         within = sd_interval(math.sqrt(squares.error), squares.error_df, level=level)
         yield from overall.rows("sigma_w", within)
         return
-    trial_square = float(np.square(trials.statistics.trial_rows[0, 0]).sum()) / df
+    trial_square = float(trials.statistics.trial_squares.sum()) / df
     # What subjects differ by within environments, against what their trials differ by.
     repeats = 1.0 / float(np.mean(1.0 / trials.counts[complete]))
     within_environments = MeanSquares(

@@ -267,9 +267,9 @@ def lacking_scatter(
     """
     has_step = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
     means = statistics.cell_means - np.nanmean(statistics.cell_means, axis=0)
-    trials = statistics.trial_rows
+    trials = statistics.scatter.rows
     between = (statistics.sd == 0) & (statistics.df > 0)
-    trial = ((trials**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
+    trial = (statistics.trial_squares == 0) & (statistics.trial_df > 0)
     alike = "all subjects made the same adjustments"
     _refuse_without_step(alike, between, statistics, steps, quantities)
     _refuse_without_step("no subject's trials differ", trial, statistics, steps, quantities)

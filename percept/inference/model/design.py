@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,10 +73,11 @@ class Options:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Term:
-    """Columns of a term over the cells, and its name."""
+    """Columns of a term over the cells."""
 
     name: str
-    columns: Array  # (K, P, C)
+    columns: Array  # (K, P, C) Times the prior SD of their coefficients, where that is known
+    prior: str = ""  # Field of `Priors` with this SD
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,12 +87,12 @@ class Design:
     cells: Cells
     factors: Factors
     options: Options
-    fixed: tuple[Term, ...]  # Of the locations, times the prior SD of their coefficients
+    fixed: tuple[Term, ...]  # Of the locations
     deviation: tuple[Term, ...]  # Whose coefficients differ between environments
     subject: tuple[Term, ...]  # Whose coefficients differ between subjects
-    sd_between: tuple[Term, ...]  # Of log sigma between subjects, times their prior SDs
-    sd_trial: tuple[Term, ...]  # Of log sigma between trials, times their prior SDs
-    effect_size: tuple[Term, ...]  # Of the log size of subject effects, times their prior SDs
+    sd_between: tuple[Term, ...]  # Of log sigma between subjects
+    sd_trial: tuple[Term, ...]  # Of log sigma between trials
+    effect_size: tuple[Term, ...]  # Of the log size of subject effects
 
     @property
     def parameters(self) -> int:
@@ -169,53 +170,47 @@ def design_of(
     """
     options = options or Options()
     several_environments = len(cells.environments) > 1
-    several_cells = len(cells.names) > 1 or several_environments
     level = Term(LEVEL, np.ones_like(cells.x)[None])
     trend = [Term(TREND, cells.x[None])] if several_environments else []
-    effects = []
-    main_effects = []
-    within_subjects = []
-    for factor_names in factors.terms:
-        effect = _effect(cells, factors, factor_names)
-        effects.append(effect)
-        if len(factor_names) == 1:
-            main_effects.append(effect)
-        # A subject sees one level of the others, which therefore show no effect of the subject.
-        if not factors.between_subjects.intersection(factor_names):
-            within_subjects.append(effect)
-    subject_trend = trend if factors.subject_trends else []
-    sized_effects = [effect for effect in main_effects if effect.name in factors.spread]
+    effects = [_effect(cells, factors, names) for names in factors.terms]
+    main_effects = [effect for effect in effects if effect.name in factors.levels]
+    # A subject sees one level of the others, which therefore show no effect of the subject.
+    within_subjects = [
+        effect
+        for effect, names in zip(effects, factors.terms, strict=True)
+        if not factors.between_subjects.intersection(names)
+    ]
     sd_terms: list[Term] = []
-    if several_cells:
+    subject_terms: list[Term] = []
+    # A new environment is one of several, even if it has one cell.
+    if len(cells.names) > 1 or several_environments:
         sd_trend = [] if options.weber else trend
         sd_terms = [level, *sd_trend, *main_effects]
-    has_subject_effects = options.subject_effect and several_cells
-    subject_terms = [level, *subject_trend, *within_subjects] if has_subject_effects else []
-    fixed_sd = {LEVEL: priors.alpha_sd, TREND: priors.gamma_sd}
-    between_sd = {LEVEL: priors.log_s_sd, TREND: priors.kappa_sd}
-    trial_sd = {LEVEL: priors.log_s_e_sd, TREND: priors.kappa_e_sd}
+        if options.subject_effect:
+            subject_trend = trend if factors.subject_trends else []
+            subject_terms = [level, *subject_trend, *within_subjects]
+    sized_effects = [effect for effect in main_effects if effect.name in factors.spread]
+
+    def scaled(terms: list[Term], other: str, **named: str) -> tuple[Term, ...]:
+        """Multiply columns by the prior SDs of their coefficients."""
+        found = []
+        for term in terms:
+            prior = named.get(term.name, other)
+            columns = term.columns * getattr(priors, prior)
+            found.append(Term(term.name, columns, prior))
+        return tuple(found)
+
     return Design(
         cells=cells,
         factors=factors,
         options=options,
-        fixed=_scaled([level, *trend, *effects], fixed_sd, priors.lambda_sd),
+        fixed=scaled([level, *trend, *effects], "lambda_sd", level="alpha_sd", trend="gamma_sd"),
         # One environment cannot tell its deviation from the level.
         deviation=(level, *effects) if several_environments else (),
         subject=tuple(subject_terms),
-        sd_between=_scaled(sd_terms, between_sd, priors.psi_sd),
-        sd_trial=_scaled(sd_terms, trial_sd, priors.psi_sd),
-        effect_size=_scaled(sized_effects, {}, priors.psi_sd),
-    )
-
-
-def _scaled(
-    terms: Sequence[Term],
-    prior_sds: Mapping[str, float],
-    other_sd: float,
-) -> tuple[Term, ...]:
-    """Multiply the columns of terms by the prior SDs of their coefficients; all others have one."""
-    return tuple(
-        Term(term.name, term.columns * prior_sds.get(term.name, other_sd)) for term in terms
+        sd_between=scaled(sd_terms, "psi_sd", level="log_s_sd", trend="kappa_sd"),
+        sd_trial=scaled(sd_terms, "psi_sd", level="log_s_e_sd", trend="kappa_e_sd"),
+        effect_size=scaled(sized_effects, "psi_sd"),
     )
 
 
@@ -230,7 +225,8 @@ def _effect(
         of_levels = contrast_columns(len(factors.levels[name]))
         of_cells = of_levels[factors.level[name]]
         columns_by_factor.append(of_cells.T)
-    products = [np.prod(columns, axis=0) for columns in itertools.product(*columns_by_factor)]
+    combinations = itertools.product(*columns_by_factor)
+    products = [np.prod(columns, axis=0) for columns in combinations]
     shape = (len(products), *cells.x.shape)
     every_quantity = np.broadcast_to(np.stack(products)[:, None], shape)
     return Term(":".join(factor_names), every_quantity)
@@ -261,29 +257,20 @@ def new_cells(
     """
     cells = design.cells
     factors = design.factors
-    examples = _first_cells(cells, factors)
+    first_cell: dict[str, int] = {}
+    for cell in range(len(cells.names)):
+        names = [factors.levels[name][of_cells[cell]] for name, of_cells in factors.level.items()]
+        condition = ", ".join(names)
+        first_cell.setdefault(condition, cell)
+    examples = np.array(list(first_cell.values()))
     added = Cells(
-        names=tuple(_condition_name(factors, cell) for cell in examples),
+        names=tuple(first_cell),
         environment=np.full(len(examples), len(cells.environments)),
         environments=(*cells.environments, ""),
         x=np.repeat(x[:, None], len(examples), axis=1),
     )
     level = {name: of_cells[examples] for name, of_cells in factors.level.items()}
     return design_of(added, dataclasses.replace(factors, level=level), priors, design.options)
-
-
-def _first_cells(cells: Cells, factors: Factors) -> Indices:
-    """First cell of each condition, in the order of the cells."""
-    # The row of zeros stands for no factor: there is one condition then.
-    levels = np.stack([*factors.level.values(), np.zeros_like(cells.environment)])
-    _, first = np.unique(levels, axis=1, return_index=True)
-    return np.sort(first)
-
-
-def _condition_name(factors: Factors, cell: int) -> str:
-    """Levels of a cell, joined."""
-    levels = factors.level.items()
-    return ", ".join(factors.levels[name][of_cells[cell]] for name, of_cells in levels)
 
 
 class Basis:
@@ -318,43 +305,33 @@ class Basis:
         covariates: int,
         covariate_sd: float,
     ) -> None:
-        quantities, cells = design.cells.x.shape
-        environments = len(design.cells.environments)
-        self.own = columns_by_quantity(design.deviation, quantities, cells)
-        self.fixed = columns_by_quantity(design.fixed, quantities, cells)
-        self.deviations = len(self.own) * environments
-        own_apart = environments_apart(self.own, design.cells.environment, environments)
-        of_cells = np.concatenate([own_apart, self.fixed]).reshape(-1, quantities * cells).T
-        slopes = covariate_sd * np.eye(quantities * covariates)
+        x = design.cells.x
+        environments = np.arange(len(design.cells.environments))
+        self.own = columns_by_quantity(design.deviation, x)
+        self.fixed = columns_by_quantity(design.fixed, x)
+        self.deviations = len(self.own) * len(environments)
+        inside = np.equal.outer(environments, design.cells.environment)
+        own_apart = self.own[:, None] * inside[:, None]
+        every = [*own_apart.reshape(-1, *x.shape), *self.fixed]
+        of_cells = np.reshape(every, (len(every), -1)).T
+        slopes = covariate_sd * np.eye(len(x) * covariates)
         cells_and_slopes = linalg.block_diag(of_cells, slopes)
         coefficients = np.eye(len(self.fixed), cells_and_slopes.shape[1], self.deviations)
         self.matrix = np.concatenate([cells_and_slopes, coefficients])
 
-
-def environments_apart(
-    columns: Array,
-    environment: Indices,
-    environments: int,
-) -> Array:
-    """Columns (a, P, n) of own deviations, in each environment alone: (a J, P, n)."""
-    inside = np.equal.outer(np.arange(environments), environment)
-    apart = columns[:, None] * inside[:, None]
-    return apart.reshape(-1, *columns.shape[1:])
+    def with_effects(
+        self,
+        effects: int,
+        before: int,
+    ) -> Array:
+        """Add to `matrix` effects of subjects, which no location has, before some latent."""
+        before_each = np.full(effects, before)
+        return np.insert(self.matrix, before_each, 0.0, axis=1)
 
 
-def columns_by_quantity(
-    terms: tuple[Term, ...],
-    quantities: int,
-    cells: int,
-) -> Array:
-    """Columns of terms, each once for every quantity that it enters alone: (k P, P, C)."""
-    columns = []
-    for term in terms:
-        for column in term.columns:
-            for p in range(quantities):
-                alone = np.zeros_like(column)
-                alone[p] = column[p]
-                columns.append(alone)
-    if not columns:
-        return np.zeros((0, quantities, cells))
-    return np.stack(columns)
+def columns_by_quantity(terms: tuple[Term, ...], x: Array) -> Array:
+    """Columns (k P, P, C) of terms in cells of decades x, each for every quantity alone."""
+    no_columns = np.zeros((0, *x.shape))
+    columns = np.concatenate([no_columns, *(term.columns for term in terms)])
+    alone = columns[:, None] * np.eye(len(x))[..., None]
+    return alone.reshape(-1, *x.shape)

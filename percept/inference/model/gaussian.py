@@ -17,7 +17,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +57,8 @@ class Eliminated:
 
     Attributes
     ----------
-    blocks, others : ndarray
-        The unknowns that fit best, (k, B, W) and (K, W).
+    best : ndarray
+        The unknowns that fit best, blocks first, (k B + K, W).
     log_determinant : ndarray
         Of the joint precision, (W,).
     pivots : ndarray
@@ -78,27 +77,31 @@ class Eliminated:
         # The row of the data below the square becomes the whitened right side.
         whole = lower_factor(joint[:, :other_count])
         self._factor_of_others = whole[:other_count]
-        self.others = solve_upper(self._factor_of_others, whole[other_count])
-        fitted = np.einsum("kcbw,cw->kbw", self._explained, self.others)
-        self.blocks = solve_upper(factor, explained[:, -1] - fitted)
+        others = solve_upper(self._factor_of_others, whole[other_count])
+        fitted = np.einsum("kcbw,cw->kbw", self._explained, others)
+        blocks = solve_upper(factor, explained[:, -1] - fitted)
+        in_blocks = blocks.reshape(-1, blocks.shape[-1])
+        self.best = np.concatenate([in_blocks, others])
         self.log_determinant = 2.0 * log_diagonal(factor).sum(axis=0)
         self.log_determinant += 2.0 * log_diagonal(self._factor_of_others)
         self.pivots = np.einsum("ccw->cw", self._factor_of_others) ** 2
 
-    def columns_of_others(self, weights: Array) -> Array:
-        """Columns (K, L, W) of combinations of the others alone, with weights (K, L, 1 or W)."""
-        return solve_lower(self._factor_of_others[:, :, None], weights)
-
-    def columns(self, weights: Array, of_others: Array) -> Array:
-        """Columns (n, L, W) of combinations with weights (k, B, L, 1) and (K, L, 1).
+    def columns(self, weights: Array) -> Array:
+        """Columns (n, L, W) of combinations with weights (k B + K, L, 1).
 
         Their products sum to the covariance.
         """
-        is_weighed = weights.any(axis=(0, 2, 3))
-        whitened = solve_lower(self._factor[:, :, is_weighed, None], weights[:, is_weighed])
-        by_blocks = np.einsum("kcbw,kblw->clw", self._explained[:, :, is_weighed], whitened)
-        columns = self.columns_of_others(of_others - by_blocks)
-        return np.concatenate([whitened.reshape(-1, *columns.shape[1:]), columns])
+        size, _, blocks, _ = self._factor.shape
+        of_blocks, of_others = np.split(weights, [size * blocks])
+        by_block = of_blocks.reshape(size, blocks, *weights.shape[1:])
+        is_weighed = by_block.any(axis=(0, 2, 3))
+        factor = self._factor[:, :, is_weighed, None]
+        explained = self._explained[:, :, is_weighed]
+        whitened = solve_lower(factor, by_block[:, is_weighed])
+        by_blocks = np.einsum("kcbw,kblw->clw", explained, whitened)
+        columns = solve_lower(self._factor_of_others[:, :, None], of_others - by_blocks)
+        flat = whitened.reshape(-1, *columns.shape[1:])
+        return np.concatenate([flat, columns])
 
 
 def eliminate(
@@ -129,59 +132,10 @@ def eliminate(
     diagonal = np.einsum("ccw->cw", joint)[:-1].copy()
     for row in range(len(joint)):
         end = row + 1
-        joint[row, :end] -= np.einsum("kbw,kcbw->cw", explained[:, row], explained[:, :end])
+        of_row = explained[:, row]
+        joint[row, :end] -= np.einsum("kbw,kcbw->cw", of_row, explained[:, :end])
     solved = Eliminated(factor, explained, joint)
     return solved, (solved.pivots / diagonal).min(axis=0, initial=1.0)
-
-
-class Latents:
-    """Own deviations and then the rest, with their law; effects are integrated out.
-
-    Parameters
-    ----------
-    solved : Eliminated
-        The unknowns. Where own deviations are the blocks, q G effects and then the rest are the
-        others; where effects are the blocks, own deviations and then the rest are.
-    own_first : bool
-        Whether own deviations are the blocks.
-    rest : int
-        Number r of the rest.
-
-    Attributes
-    ----------
-    best : ndarray
-        Own deviations and the rest that fit best, (a J + r, W).
-    effects : ndarray
-        Effects that fit best, (q G, W).
-    """
-
-    def __init__(
-        self,
-        solved: Eliminated,
-        *,
-        own_first: bool,
-        rest: int,
-    ) -> None:
-        self._solved = solved
-        self._own_first = own_first
-        width = solved.others.shape[1]
-        of_blocks = solved.blocks.reshape(-1, width)
-        if own_first:
-            self.effects, of_rest = np.split(solved.others, [len(solved.others) - rest])
-            self.best = np.concatenate([of_blocks, of_rest])
-        else:
-            self.effects = of_blocks
-            self.best = solved.others.copy()
-
-    def columns(self, weights: Array) -> Array:
-        """Columns (n, L, W) whose products are the covariance of combinations (a J + r, L, 1)."""
-        if not self._own_first:
-            return self._solved.columns_of_others(weights)
-        own_count, environments, _ = self._solved.blocks.shape
-        of_own, of_rest = np.split(weights, [own_count * environments])
-        by_environment = of_own.reshape(own_count, environments, *of_own.shape[1:])
-        no_effects = np.zeros((len(self.effects), *of_rest.shape[1:]))
-        return self._solved.columns(by_environment, np.concatenate([no_effects, of_rest]))
 
 
 class SubjectCovariance:
@@ -203,7 +157,11 @@ class SubjectCovariance:
         Z, shape (q, P, E, W).
     """
 
-    def __init__(self, noise: Block, effects: Array) -> None:
+    def __init__(
+        self,
+        noise: Block,
+        effects: Array,
+    ) -> None:
         self._noise = noise
         self._effects = effects
         by_quantity = np.moveaxis(effects, 1, 0)
@@ -232,9 +190,14 @@ class SubjectCovariance:
         products = rows.reshape(len(rows), quantities * cells) @ by_cell
         best = solve_upper(self._factor, solve_lower(self._factor, products))
         by_cell = self._noise.distance(self._unexplained(rows[..., None], best))
-        return np.asarray(by_cell.sum(axis=0) + np.einsum("qnw,qnw->w", best, best))
+        squares = np.einsum("qnw,qnw->w", best, best)
+        return np.asarray(by_cell.sum(axis=0) + squares)
 
-    def draw_effects(self, rows: Array, rng: np.random.Generator) -> Array:
+    def draw_effects(
+        self,
+        rows: Array,
+        rng: np.random.Generator,
+    ) -> Array:
         """Draw subjects' effects (q, n, W) given rows r (n, P, E, W).
 
         Given r, effects have the mean b and the covariance (LL')⁻¹: b + L'⁻¹ times normal draws.
@@ -247,7 +210,11 @@ class SubjectCovariance:
         products = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
         return solve_lower(self._factor, products)
 
-    def _unexplained(self, rows: Array, effects: Array) -> Vector:
+    def _unexplained(
+        self,
+        rows: Array,
+        effects: Array,
+    ) -> Vector:
         """Rows (n, P, E, W or 1) less what effects b (q, n, W) explain, Zb."""
         unexplained = []
         for p in range(rows.shape[1]):
@@ -270,7 +237,11 @@ class Moments:
 
     def of(self, numbers: slice | list[int]) -> Moments:
         """Laws of some of the quantities."""
-        return Moments(self.mean[:, numbers], self.sd[:, numbers], self.population_sd[:, numbers])
+        return Moments(
+            mean=self.mean[:, numbers],
+            sd=self.sd[:, numbers],
+            population_sd=self.population_sd[:, numbers],
+        )
 
     @classmethod
     def unpack(cls, packed: Array) -> Moments:
@@ -288,8 +259,11 @@ class Joint:
 
     def apart(self) -> list[Joint]:
         """Each group by itself."""
-        groups = range(self.mean.shape[1])
-        return [Joint(self.mean[:, [g]], self.location[:, [g]], self.users[:, [g]]) for g in groups]
+        count = self.mean.shape[1]
+        means = np.split(self.mean, count, axis=1)
+        locations = np.split(self.location, count, axis=1)
+        users = np.split(self.users, count, axis=1)
+        return [Joint(*law) for law in zip(means, locations, users, strict=True)]
 
     def moments(self) -> Moments:
         """Each quantity by itself, group by group."""
@@ -303,15 +277,13 @@ class Joint:
         )
 
 
-_Laws = TypeVar("_Laws", Moments, Joint)
-
-
-def joined(laws: Sequence[_Laws]) -> _Laws:
+def joined(laws: Sequence[Joint]) -> Joint:
     """Join laws at some draws and laws at others into one at all of them, in this order."""
-    fields = {}
-    for field in dataclasses.fields(laws[0]):
-        fields[field.name] = np.concatenate([getattr(law, field.name) for law in laws])
-    return dataclasses.replace(laws[0], **fields)
+    return Joint(
+        mean=np.concatenate([law.mean for law in laws]),
+        location=np.concatenate([law.location for law in laws]),
+        users=np.concatenate([law.users for law in laws]),
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -339,7 +311,8 @@ class Law:
 
     def user_sd(self, weights: Array) -> Array:
         """SDs (W, L) of combinations of one user about the locations'; nothing is solved for."""
-        return np.sqrt(_covariances(self.user_columns, weights[:, None])[..., 0, 0])
+        covariances = _covariances(self.user_columns, weights[:, None])
+        return np.sqrt(covariances[..., 0, 0])
 
     def joint(self, weights: Array) -> Joint:
         """Joint laws of groups of combinations, (groups, n, R)."""
@@ -355,15 +328,23 @@ class Law:
         rng: np.random.Generator,
         repeats: int,
     ) -> tuple[Array, Array]:
-        """Draw combinations (L, R) of the locations and of new users, (repeats, W, L) each."""
-        columns = self.columns(weights)
-        width, _, latent_count = columns.shape
-        latents = rng.standard_normal((repeats, width, latent_count))
-        departures = np.einsum("wlk,rwk->rwl", columns, latents)
-        locations = self.mean @ weights.T + departures
-        of_users = self.user_columns(weights)
-        normals = rng.standard_normal((repeats, width, of_users.shape[2]))
-        return locations, locations + np.einsum("wlk,rwk->rwl", of_users, normals)
+        """Draw combinations (L, R) of the locations and of new users, (repeats W, L) each."""
+        mean = self.mean @ weights.T
+        locations = mean + _drawn(self.columns(weights), rng, repeats)
+        users = locations + _drawn(self.user_columns(weights), rng, repeats)
+        shape = (-1, len(weights))
+        return locations.reshape(shape), users.reshape(shape)
+
+
+def _drawn(
+    columns: Array,
+    rng: np.random.Generator,
+    repeats: int,
+) -> Array:
+    """Draw departures (repeats, W, L) whose covariance is that of columns (W, L, K)."""
+    width, _, count = columns.shape
+    normals = rng.standard_normal((repeats, width, count))
+    return np.einsum("wlk,rwk->rwl", columns, normals)
 
 
 def _covariances(columns: Columns, weights: Array) -> Array:
@@ -371,8 +352,9 @@ def _covariances(columns: Columns, weights: Array) -> Array:
     covariances = []
     for start in range(0, len(weights), _GROUPS_AT_ONCE):
         some = weights[start : start + _GROUPS_AT_ONCE]
-        of_some = columns(some.reshape(-1, some.shape[-1]))
-        by_group = of_some.reshape(len(of_some), *some.shape[:2], -1)
+        groups, count, locations = some.shape
+        of_some = columns(some.reshape(groups * count, locations))
+        by_group = of_some.reshape(len(of_some), groups, count, -1)
         covariances.append(by_group @ by_group.swapaxes(2, 3))
     return np.concatenate(covariances, axis=1)
 
@@ -380,10 +362,12 @@ def _covariances(columns: Columns, weights: Array) -> Array:
 def user_columns(scales: CellScales, weights: Array) -> Array:
     """Columns (W, L, K) of one user about the locations, in combinations with weights (L, R)."""
     _, quantities, cells, _ = scales.effects.shape
-    of_cells = weights[:, : quantities * cells].reshape(-1, quantities, cells)
+    in_cells = weights[:, : quantities * cells]
+    of_cells = in_cells.reshape(-1, quantities, cells)
     is_weighed = of_cells.any(axis=(0, 1))
     of_cells = of_cells[..., is_weighed]
-    columns = [np.einsum("lpc,qpcw->wlq", of_cells, scales.effects[:, :, is_weighed])]
+    effects = scales.effects[:, :, is_weighed]
+    columns = [np.einsum("lpc,qpcw->wlq", of_cells, effects)]
     for parts in scales.between.factor_columns():
         of_weighed = np.stack(parts)[:, is_weighed]
         columns.append(np.einsum("lpc,pcw->wlc", of_cells, of_weighed))

@@ -89,7 +89,11 @@ class Limits:
         rows = [self.model.cell_rows, *(group.rows for group in self._further)]
         return self.model.moments(points, np.vstack(rows)).pack()
 
-    def of(self, kind: str, moments: Moments) -> tuple[Array, Array, Array]:
+    def of(
+        self,
+        kind: str,
+        moments: Moments,
+    ) -> tuple[Array, Array, Array]:
         """Lower and upper limits (L,) of one kind, and each draw's pull on them, (S, 2 L)."""
         if kind == "share":
             centre, half_width, influence = share_half_width(
@@ -111,8 +115,9 @@ class Limits:
         first = 0
         for names, kinds in self.groups:
             last = first + len(names)
+            of_group = moments.of(slice(first, last))
             for kind in kinds if names else ():
-                lower, upper, influence = self.of(kind, moments.of(slice(first, last)))
+                lower, upper, influence = self.of(kind, of_group)
                 lower_names = [_limit_name("lower", kind, name) for name in names]
                 upper_names = [_limit_name("upper", kind, name) for name in names]
                 estimates = Estimates(

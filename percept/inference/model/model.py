@@ -22,15 +22,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from percept.errors import RefusalError
-from percept.inference.model.design import (
-    TREND,
-    Basis,
-    Cells,
-    Design,
-    Factors,
-    Options,
-    design_of,
-)
+from percept.inference.model.design import Basis, Cells, Design, Factors, Options, design_of
 from percept.inference.model.gaussian import Columns, Joint, Law, Moments, joined, user_columns
 from percept.inference.model.one_row import OneRow, is_one_row
 from percept.inference.model.patterns import SeveralPatterns
@@ -55,6 +47,7 @@ class Model(ABC):
     draws_per_pass: int  # Sets of coordinates worked on at once, so that the cache holds them
     priors_in_force: dict[str, float]  # By their names in `Priors`
     takes_options: bool = True  # Whether `Options` make it simpler
+    parts: list[LinearModel]  # Pooled models of which this is the product; none without pooling
 
     @abstractmethod
     def identity(self) -> tuple[object, ...]:
@@ -73,26 +66,44 @@ class Model(ABC):
         """Law of the locations and of users at coordinates (W, d) of one pass."""
 
     def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
-        """Pooled models of which this is the product, each with its part of coordinates (W, d)."""
-        return []
+        """Each of `parts` with its own of coordinates (W, d), views."""
+        counts = [len(model.names) for model in self.parts]
+        ends = np.cumsum(counts)
+        coordinates = np.split(points, ends[:-1], axis=1)
+        # Without parts there is one piece, of nothing.
+        return list(zip(self.parts, coordinates, strict=False))
 
     def passes(self, points: Array) -> list[Array]:
         """Points in parts that the processor's cache holds."""
         starts = range(0, len(points), self.draws_per_pass)
         return [points[start : start + self.draws_per_pass] for start in starts]
 
-    def moments(self, points: Array, rows: Array | None = None) -> Moments:
+    def moments(
+        self,
+        points: Array,
+        rows: Array | None = None,
+    ) -> Moments:
         """Laws of combinations, each by itself."""
         weights = self.cell_rows if rows is None else rows
         return self.joint(points, weights[:, None]).moments()
 
-    def user_sds(self, points: Array, rows: Array) -> Array:
+    def user_sds(
+        self,
+        points: Array,
+        rows: Array,
+    ) -> Array:
         """SDs of one user's combinations about the locations', (W, L)."""
-        return np.concatenate([self.law(part).user_sd(rows) for part in self.passes(points)])
+        sds = [self.law(part).user_sd(rows) for part in self.passes(points)]
+        return np.concatenate(sds)
 
-    def joint(self, points: Array, rows: Array) -> Joint:
+    def joint(
+        self,
+        points: Array,
+        rows: Array,
+    ) -> Joint:
         """Joint laws of groups of n combinations, (groups, n, R)."""
-        return joined([self.law(part).joint(rows) for part in self.passes(points)])
+        laws = [self.law(part).joint(rows) for part in self.passes(points)]
+        return joined(laws)
 
     def draw(
         self,
@@ -122,12 +133,10 @@ class Model(ABC):
             another for each, before the next pass begins.
         """
         weights = self.cell_rows if rows is None else rows
-        locations = []
-        users = []
-        for part in self.passes(points):
-            location, user = self.law(part).draw(weights, rng, repeats)
-            locations.append(location.reshape(-1, len(weights)))
-            users.append(user.reshape(-1, len(weights)))
+        laws = [self.law(part) for part in self.passes(points)]
+        drawn = [law.draw(weights, rng, repeats) for law in laws]
+        locations = [of_locations for of_locations, _ in drawn]
+        users = [of_users for _, of_users in drawn]
         return np.concatenate(locations), np.concatenate(users)
 
 
@@ -160,6 +169,7 @@ class LinearModel(Model):
         priors: Priors | None = None,
         resolution: Resolution | None = None,
     ) -> None:
+        self.parts = [self]
         self.statistics = statistics
         self.design = design
         self.priors = priors or Priors()
@@ -167,32 +177,23 @@ class LinearModel(Model):
         self.cells = tuple(itertools.product(statistics.parameters, design.cells.names))
         self.coordinates = Coordinates(statistics, design, self.priors)
         self.names = self.coordinates.names
-        covariates = statistics.covariates
-        used = {"alpha_sd"} | self.coordinates.priors_in_use
-        if any(term.name == TREND for term in design.fixed):
-            used.add("gamma_sd")
-        if design.factors.terms:
-            used.add("lambda_sd")
-        if covariates is not None:
+        covariates = statistics.covariates.names if statistics.covariates else ()
+        used = self.coordinates.priors_in_use | {term.prior for term in design.fixed}
+        if covariates:
             used.add("covariate_sd")
         by_name = vars(self.priors).items()
         self.priors_in_force = {name: value for name, value in by_name if name in used}
-        compares = bool(design.factors.terms) or covariates is not None
+        compares = bool(design.factors.terms or covariates)
         self.takes_options = not compares and statistics.scatter.subject is None
-        covariate_count = len(covariates.names) if covariates is not None else 0
-        self.basis = Basis(design, covariate_count, self.priors.covariate_sd)
+        self.basis = Basis(design, len(covariates), self.priors.covariate_sd)
         self.locations = len(self.basis.matrix)
         self.cell_rows = np.eye(len(self.cells), self.locations)
         #: Density and latents given the scales.
         self._given_scales: OneRow | SeveralPatterns
-        if covariates is None and is_one_row(statistics, design):
-            self._given_scales = OneRow(statistics, design, self.basis)
-        else:
-            self._given_scales = SeveralPatterns(
-                statistics, design, self.basis, self.priors.covariate_sd
-            )
+        one_row = is_one_row(statistics, design) and not covariates
+        form = OneRow if one_row else SeveralPatterns
+        self._given_scales = form(statistics, design, self.basis)
         self.draws_per_pass = self._given_scales.draws_per_pass
-        self._constant = statistics.constant
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides density and locations."""
@@ -209,10 +210,6 @@ class LinearModel(Model):
         """Weights (C, P, R) of the quantities of each cell."""
         by_quantity = self.cell_rows.reshape(self.design.parameters, -1, self.locations)
         return by_quantity.swapaxes(0, 1)
-
-    def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
-        """Return the model itself."""
-        return [(self, points)]
 
     def scales(self, points: Array) -> Named:
         """Scales and correlations by name at coordinates: dimensions and values, draws first."""
@@ -242,7 +239,7 @@ class LinearModel(Model):
     def log_likelihood(self, scales: CellScales) -> Array:
         """Log density of the data given scales, locations and subject effects integrated out."""
         observed = self.with_resolution(scales)
-        value = self._constant + self._given_scales.log_density(observed)
+        value = self.statistics.constant + self._given_scales.log_density(observed)
         if observed.trial is None:
             return value
         scatter = self.statistics.scatter
@@ -266,13 +263,15 @@ class LinearModel(Model):
     def law(self, points: Array) -> Law:
         """Law of the locations and of users at coordinates (W, d) of one pass."""
         scales = self.coordinates(points).cells
-        basis = self.basis.matrix
+        matrix = self._given_scales.matrix
 
         def solve() -> tuple[Array, Columns]:
             solved = self._given_scales.solve(self.with_resolution(scales))
-            return (
-                basis @ solved.best
-            ).T, lambda weights: solved.columns((weights @ basis).T[..., None]).T
+
+            def columns(weights: Array) -> Array:
+                return solved.columns((weights @ matrix).T[..., None]).T
+
+            return (matrix @ solved.best).T, columns
 
         return Law(solve, partial(user_columns, scales))
 
@@ -302,7 +301,7 @@ def plain_model(
     """
     priors = priors or Priors()
     options = options or Options()
-    if statistics.summary:
+    if not statistics.subjects:
         options = dataclasses.replace(options, subject_effect=False)
     names = statistics.environments
     cells = Cells(names, np.arange(len(names)), names, statistics.x)
@@ -316,40 +315,34 @@ class Product(Model):
 
     Coordinates, cells and locations of the models stand one after another, in their order.
 
-    Attributes
+    Parameters
     ----------
-    models : list of LinearModel
-        The factors.
+    models : iterable of Model
+        Pooled ones.
     """
 
     def __init__(self, models: Iterable[Model]) -> None:
-        self.models: list[LinearModel] = []
-        for model in models:
-            self.models += [part for part, _ in model.split(np.zeros((0, len(model.names))))]
+        self.parts = []
         self.names: list[str] = []
         self.cells: tuple[tuple[str, str], ...] = ()
         self.priors_in_force: dict[str, float] = {}
-        for model in self.models:
+        for model in models:
+            self.parts += model.parts
             self.names += model.names
             self.cells += model.cells
             self.priors_in_force |= model.priors_in_force
-        rows = linalg.block_diag(*(model.cell_rows for model in self.models))
+        rows = linalg.block_diag(*(model.cell_rows for model in self.parts))
         self.cell_rows = np.asarray(rows)
-        self.draws_per_pass = min(model.draws_per_pass for model in self.models)
-
-    def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
-        """Each model with its part of coordinates (W, d), views."""
-        counts = [len(model.names) for model in self.models]
-        coordinates = np.split(points, np.cumsum(counts)[:-1], axis=1)
-        return list(zip(self.models, coordinates, strict=True))
+        self.draws_per_pass = min(model.draws_per_pass for model in self.parts)
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides each of the models."""
-        return ("product", *(model.identity() for model in self.models))
+        return ("product", *(model.identity() for model in self.parts))
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
-        return np.sum([model(part) for model, part in self.split(points)], axis=0)
+        values = [model(part) for model, part in self.split(points)]
+        return np.sum(values, axis=0)
 
     def scales(self, points: Array) -> Named:
         """Scales of all models by name, quantities side by side; NaN where a model has none."""
@@ -358,9 +351,10 @@ class Product(Model):
         for name in dict.fromkeys(itertools.chain(*parts)):
             dimensions, example = next(part[name] for part in parts if name in part)
             columns = []
-            for model, part in zip(self.models, parts, strict=True):
-                missing = (len(points), model.design.parameters, *example.shape[2:])
-                _, values = part.get(name, (dimensions, np.full(missing, np.nan)))
+            for model, part in zip(self.parts, parts, strict=True):
+                shape = (len(points), model.design.parameters, *example.shape[2:])
+                missing = np.full(shape, np.nan)
+                _, values = part.get(name, (dimensions, missing))
                 columns.append(values)
             named[name] = (dimensions, np.hstack(columns) if dimensions else example)
         return named
@@ -368,10 +362,11 @@ class Product(Model):
     def law(self, points: Array) -> Law:
         """Law of all locations and of users at coordinates (W, d) of one pass."""
         laws = [model.law(part) for model, part in self.split(points)]
-        ends = np.cumsum([model.locations for model in self.models])
+        ends = np.cumsum([model.locations for model in self.parts])
 
         def side_by_side(columns: list[Columns], weights: Array) -> Array:
-            parts = zip(columns, np.split(weights, ends[:-1], axis=1), strict=True)
+            by_model = np.split(weights, ends[:-1], axis=1)
+            parts = zip(columns, by_model, strict=True)
             return np.concatenate([of_model(part) for of_model, part in parts], axis=2)
 
         def solve() -> tuple[Array, Columns]:
@@ -417,6 +412,7 @@ class Unpooled(Model):
             )
         self.cells = cells
         self.cell_rows = np.eye(len(cells))
+        self.parts = []
         self.names = [f"log sigma[{parameter},{environment}]" for parameter, environment in cells]
         self.priors_in_force: dict[str, float] = {}
         self._n = np.asarray(counts, dtype=float)

@@ -39,7 +39,7 @@ from percept.inference.model.blocks import (
     solve_upper,
 )
 from percept.inference.model.design import Basis, Design
-from percept.inference.model.gaussian import Eliminated, Latents, SubjectCovariance
+from percept.inference.model.gaussian import Eliminated, SubjectCovariance
 from percept.inference.model.scales import CellScales
 from percept.inference.model.statistics import Statistics
 
@@ -72,6 +72,8 @@ class OneRow:
     ----------
     draws_per_pass : int
         Draws worked on at once.
+    matrix : ndarray
+        Weights of the unknowns that `solve` gives in the R locations.
     """
 
     def __init__(
@@ -91,13 +93,15 @@ class OneRow:
             subjects[present] = pattern.subjects
             trials[present] = pattern.trials
             mean[:, present] = pattern.mean
-            rows[: pattern.rows.shape[1], :, present] = pattern.rows.swapaxes(0, 1)
+            count = pattern.rows.shape[1]
+            rows[:count, :, present] = pattern.rows.swapaxes(0, 1)
         #: (C, 1) Subjects of each cell: all the same if they have effects.
         self._subjects = subjects[:, None]
         self._trials = trials[:, None]
         #: (n, P, C) Rows whose products sum to the scatter between subjects.
         self._contrasts = rows
         self._own = basis.own
+        self.matrix = basis.with_effects(design.effects, basis.deviations)
         #: (f + 1, P, C) Fixed columns, and the subjects' mean.
         self._fixed_and_mean = np.concatenate([basis.fixed, mean[None]])
         #: (L, J) Cells of each environment.
@@ -120,7 +124,8 @@ class OneRow:
         else:
             regressed = self._regressed(noise, scales, effects)
             rows = regressed.rows
-            log_determinant = noise.scaled(1.0 / self._subjects).log_determinant().sum(axis=0)
+            of_mean = noise.scaled(1.0 / self._subjects)
+            log_determinant = of_mean.log_determinant().sum(axis=0)
             log_determinant += 2.0 * log_diagonal(regressed.factor).sum(axis=0)
             environments = self._cells_of_environment.shape[1]
             log_determinant += 2.0 * environments * np.log(scales.tau).sum(axis=0)
@@ -128,18 +133,18 @@ class OneRow:
         latents = len(joint) - 1
         factor = lower_factor(joint[:, :latents])
         solution = solve_upper(factor[:latents], factor[latents])
-        residual = rows[-1] - np.einsum("kmw,kw->mw", rows[:-1], solution)
+        fitted = np.einsum("kmw,kw->mw", rows[:-1], solution)
+        residual = rows[-1] - fitted
         minus_twice += log_determinant + 2.0 * log_diagonal(factor[:latents])
         minus_twice += np.einsum("mw,mw->w", residual, residual)
         minus_twice += np.einsum("kw,kw->w", solution, solution)
         return -0.5 * minus_twice
 
-    def solve(self, scales: CellScales) -> Latents:
+    def solve(self, scales: CellScales) -> Eliminated:
         """Own deviations, effects and fixed columns' coefficients that fit best, and their law."""
         effects = scales.effects / np.sqrt(self._subjects)
         regressed = self._regressed(self._noise(scales), scales, effects)
-        solved = Eliminated(regressed.factor, regressed.explained, _joint_precision(regressed.rows))
-        return Latents(solved, own_first=True, rest=len(self._fixed_and_mean) - 1)
+        return Eliminated(regressed.factor, regressed.explained, _joint_precision(regressed.rows))
 
     def _noise(self, scales: CellScales) -> Block:
         """D, entries (C, W)."""
@@ -147,7 +152,11 @@ class OneRow:
             return scales.between
         return scales.between + scales.trial.scaled(1.0 / self._trials)
 
-    def _minus_twice_of_contrasts(self, noise: Block, scales: CellScales) -> Array:
+    def _minus_twice_of_contrasts(
+        self,
+        noise: Block,
+        scales: CellScales,
+    ) -> Array:
         """Log determinants and squares of the contrasts of subjects, summed over these: (W,)."""
         contrast_count = self._subjects[:, 0] - 1.0
         if not len(scales.effects):
@@ -168,7 +177,8 @@ class OneRow:
         variances = np.einsum("apc,aw->pcw", self._own**2, scales.tau**2)
         covariance = noise.scaled(1.0 / self._subjects).plus_diagonal(tuple(variances))
         rows = _whitened(covariance, effects, self._fixed_and_mean)
-        return rows.reshape(len(rows), -1, rows.shape[-1]), covariance.log_determinant().sum(axis=0)
+        log_determinant = covariance.log_determinant().sum(axis=0)
+        return rows.reshape(len(rows), -1, rows.shape[-1]), log_determinant
 
     def _regressed(
         self,
@@ -180,7 +190,8 @@ class OneRow:
         of_mean = noise.scaled(1.0 / self._subjects)
         of_all_draws = np.concatenate([self._fixed_and_mean, self._own])
         columns = self._by_environment(_whitened(of_mean, effects, of_all_draws))
-        others, own = np.split(columns, [len(columns) - len(self._own)])
+        other_count = len(columns) - len(self._own)
+        others, own = np.split(columns, [other_count])
         return _Regressed(own, others, scales.tau[:, None])
 
     def _by_environment(self, columns: Array) -> Array:
@@ -206,9 +217,8 @@ class _Regressed:
         sd: Array,
     ) -> None:
         #: F, (a, a, J, W)
-        self.factor = lower_factor(
-            add_to_diagonal(np.einsum("amjw,bmjw->abjw", own, own), sd**-2.0)
-        )
+        precision = np.einsum("amjw,bmjw->abjw", own, own)
+        self.factor = lower_factor(add_to_diagonal(precision, sd**-2.0))
         for_columns = self.factor[:, :, None]
         products = np.einsum("amjw,kmjw->akjw", own, columns)
         #: S, (a, K + 1, J, W)
@@ -218,7 +228,8 @@ class _Regressed:
         over_sd = (coefficients / sd[:, None]).swapaxes(0, 1)
         rows = np.concatenate([unexplained, over_sd], axis=1)
         #: A - UB and T⁻¹B, (K + 1, (P L + a) J, W)
-        self.rows = rows.reshape(len(rows), -1, rows.shape[-1])
+        columns_count, _, _, width = rows.shape
+        self.rows = rows.reshape(columns_count, -1, width)
 
 
 def _whitened(
@@ -230,9 +241,11 @@ def _whitened(
     count, quantities, cells, width = varying.shape
     rows = np.empty((count + len(constant), quantities, cells, width))
     # What is equal in all draws is not repeated for each.
-    for target, columns in ((rows[:count], varying), (rows[count:], constant[..., None])):
-        for p, part in enumerate(covariance.whiten(tuple(columns.swapaxes(0, 1)))):
-            target[:, p] = part
+    of_varying = covariance.whiten(tuple(varying.swapaxes(0, 1)))
+    of_constant = covariance.whiten(tuple(constant[..., None].swapaxes(0, 1)))
+    for p in range(quantities):
+        rows[:count, p] = of_varying[p]
+        rows[count:, p] = of_constant[p]
     return rows
 
 
@@ -242,7 +255,8 @@ def _joint_precision(rows: Array) -> Array:
     joint = np.zeros((count, count, width))
     for row in range(count):
         end = row + 1
-        np.einsum("mw,kmw->kw", rows[row], rows[:end], out=joint[row, :end])
+        target = joint[row, :end]
+        np.einsum("mw,kmw->kw", rows[row], rows[:end], out=target)
     return add_to_diagonal(joint, 1.0)
 
 

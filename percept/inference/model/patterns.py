@@ -22,11 +22,7 @@ from numpy.typing import NDArray
 
 from percept.inference.model.blocks import Block, add_to_diagonal, draws_at_once
 from percept.inference.model.design import Basis, Design
-from percept.inference.model.gaussian import (
-    Latents,
-    SubjectCovariance,
-    eliminate,
-)
+from percept.inference.model.gaussian import SubjectCovariance, eliminate
 from percept.inference.model.scales import CellScales
 from percept.inference.model.statistics import Statistics
 from percept.inference.model.units import JointPrecision, Units
@@ -49,8 +45,13 @@ class SeveralPatterns:
         Its cells are the environments of the statistics.
     basis : Basis
         Columns of the locations.
-    covariate_sd : float
-        Prior SD of the slopes of covariates.
+
+    Attributes
+    ----------
+    draws_per_pass : int
+        Draws worked on at once.
+    matrix : ndarray
+        Weights of the unknowns that `solve` gives in the R locations.
     """
 
     def __init__(
@@ -58,23 +59,21 @@ class SeveralPatterns:
         statistics: Statistics,
         design: Design,
         basis: Basis,
-        covariate_sd: float,
     ) -> None:
-        self._units = Units(statistics, design, basis, covariate_sd)
-        effects = len(self._units.multipliers)
-        blocks = (effects, self._units.patterns)
-        if self._units.own_first:
-            blocks = (len(basis.own), self._units.environments)
-        self._precision = JointPrecision(self._units, *blocks)
+        units = Units(statistics, design, basis)
+        self._units = units
+        self._precision = JointPrecision(units)
         _, latents = basis.matrix.shape
-        numbers = latents * len(statistics.patterns) * max(effects, 1)
+        effects, patterns = units.effects.shape
+        self.matrix = basis.with_effects(units.effects.size, units.before_effects)
+        numbers = latents * patterns * max(effects, 1)
         self.draws_per_pass = draws_at_once(numbers)
         #: Patterns of several subjects, with the kinds of their units.
         self._of_several = []
         self._constant = 0.0
         for g, pattern in enumerate(statistics.patterns):
             if pattern.subjects > 1:
-                kinds = self._units.kind[self._units.pattern == g]
+                kinds = units.kind[units.pattern == g]
                 self._of_several.append((pattern, kinds))
                 # Units are means times the root of the number of subjects.
                 log_root = 0.5 * math.log(pattern.subjects)
@@ -96,21 +95,21 @@ class SeveralPatterns:
         return np.asarray(value)
 
     def solve(self, scales: CellScales) -> _Solution:
-        """Latents that fit best, and their law."""
+        """Unknowns that fit best, and their law."""
         # Draws that lose all digits may become NaN here.
         with np.errstate(all="ignore"):
             return _Solution(self._units, self._precision, scales)
 
 
 class _Solution:
-    """Latents by normal equations; by orthogonal factors where these lose digits.
+    """Unknowns by normal equations; by orthogonal factors where these lose digits.
 
     Attributes
     ----------
     log_density : ndarray
         Of the units, (W,).
     best : ndarray
-        Own deviations and the rest that fit best, (a J + r, W).
+        Unknowns that fit best, (unknowns, W).
     noise : Block
         D of every kind, entries (kinds, W).
     """
@@ -121,57 +120,50 @@ class _Solution:
         precision: JointPrecision,
         scales: CellScales,
     ) -> None:
-        _, quantities, _ = units.latents.shape
-        noise = units.noise(scales)
-        self.noise = noise
+        self.noise = units.noise(scales)
         vectors = units.vectors(scales)
-        tau_precision = scales.tau**-2.0
-        own_precision = np.repeat(tau_precision, units.environments, axis=0)
-        deviations, width = own_precision.shape
-        rest = len(units.latents) - 1 - deviations
-        of_rest = np.ones((rest, width))
-        # Of own deviations and the rest, (a J + r, W).
-        prior = np.concatenate([own_precision, of_rest])
-        blocks, cross, joint = precision(noise, vectors)
-        if units.own_first:
-            add_to_diagonal(blocks, tau_precision[:, None])
-            add_to_diagonal(joint[:-1, :-1], 1.0)
-        else:
-            add_to_diagonal(blocks, 1.0)
-            add_to_diagonal(joint[:-1, :-1], prior)
-        solved, least_kept = eliminate(blocks, cross, joint)
-        self._latents = Latents(solved, own_first=units.own_first, rest=rest)
-        self.best = self._latents.best
-        effects = self._latents.effects
+        unknowns = units.columns.shape[1] - 1
+        width = scales.tau.shape[1]
+        prior = np.ones((unknowns, width))
+        prior[units.own] = scales.tau[:, None] ** -2.0
+        blocks, cross, joint = precision(self.noise, vectors)
+        in_blocks = math.prod(units.block_shape)
+        of_blocks, of_others = np.split(prior, [in_blocks])
+        add_to_diagonal(blocks, of_blocks.reshape(blocks.shape[1:]))
+        add_to_diagonal(joint[:-1, :-1], of_others)
+        self._solved, least_kept = eliminate(blocks, cross, joint)
+        self.best = self._solved.best
         squares = np.einsum("kw,kw,kw->w", prior, self.best, self.best)
-        squares += np.einsum("kw,kw->w", effects, effects)
-        in_blocks = solved.blocks.reshape(-1, width)
-        unknowns = np.concatenate([in_blocks, solved.others])
-        squares += _misfit(units, noise, vectors, unknowns)
-        of_noise = units.means_of_kind @ noise.log_determinant()
-        of_noise -= np.log(own_precision).sum(axis=0)
-        self.log_density = -0.5 * (squares + of_noise + solved.log_determinant)
+        squares += _misfit(units, self.noise, vectors, self.best)
+        of_noise = units.means_of_kind @ self.noise.log_determinant()
+        _, environments = units.own.shape
+        of_noise += 2.0 * environments * np.log(scales.tau).sum(axis=0)
+        self.log_density = -0.5 * (squares + of_noise + self._solved.log_determinant)
         #: Draws that have lost too many digits. NaN is lost too.
         self._lost = np.flatnonzero(~(least_kept >= _LEAST_KEPT))
+        self._latents = units.others[:-1]
         self._exact: _Exact | None = None
         if self._lost.size:
             lost = self._lost
-            effect_vectors = vectors[quantities:]
+            effects = vectors[len(self.noise.variances) :]
+            of_lost = np.ix_(self._latents, lost)
             self._exact = _Exact(
                 units,
-                noise[:, lost],
-                [vector[..., lost] for vector in effect_vectors],
-                prior[:, lost],
+                self.noise[:, lost],
+                [vector[..., lost] for vector in effects],
+                prior[of_lost],
             )
-            self.best[:, lost] = self._exact.best
+            # No location has effects, which may be NaN.
+            self.best[:, lost] = 0.0
+            self.best[of_lost] = self._exact.best
             self.log_density[lost] = self._exact.log_density - 0.5 * of_noise[lost]
 
     def columns(self, weights: Array) -> Array:
-        """Columns (n, L, W) whose products are the covariance of combinations (a J + r, L, 1)."""
+        """Columns (n, L, W) whose products are the covariance of combinations (unknowns, L, 1)."""
         with np.errstate(all="ignore"):
-            columns = self._latents.columns(weights)
+            columns = self._solved.columns(weights)
         if self._exact is not None:
-            exact = self._exact.columns(weights)
+            exact = self._exact.columns(weights[self._latents])
             columns[..., self._lost] = 0.0
             columns[: len(exact), :, self._lost] = exact
         return columns
@@ -183,13 +175,14 @@ def _misfit(
     vectors: list[Array],
     unknowns: Array,
 ) -> Array:
-    """Squares of the units about what the unknowns, blocks first, fit, by D: (W,)."""
+    """Squares of the units about what the unknowns fit, by D: (W,)."""
     data = np.full((1, unknowns.shape[1]), -1.0)
     times = units.columns @ np.concatenate([unknowns, data])
     _, quantities, unit_count = units.latents.shape
     by_vector = times.reshape(-1, unit_count, unknowns.shape[1])
     misfit = by_vector[:quantities]
-    for vector, of_units in zip(vectors[quantities:], by_vector[quantities:], strict=True):
+    effects = zip(vectors[quantities:], by_vector[quantities:], strict=True)
+    for vector, of_units in effects:
         misfit += vector[:, units.kind] * of_units
     by_unit = noise[units.kind].distance(tuple(misfit[:, None]))
     return np.asarray(by_unit.sum(axis=0))
@@ -217,7 +210,9 @@ class _Exact:
         latents, width = prior.shape
         effect_count = len(effects)
         # [Z, X, y], (…, P, U, W)
-        whole = np.empty((effect_count + latents + 1, *units.latents.shape[1:], width))
+        columns, quantities, unit_count = units.latents.shape
+        shape = (effect_count + columns, quantities, unit_count, width)
+        whole = np.empty(shape)
         for a, effect in enumerate(effects):
             multiplier = units.multipliers[a, :, None]
             np.multiply(effect[:, units.kind], multiplier, out=whole[a])
@@ -225,31 +220,31 @@ class _Exact:
         by_quantity = tuple(whole.swapaxes(0, 1))
         whitened = np.stack(noise[units.kind].whiten(by_quantity))
         by_draw = whitened.transpose(3, 2, 0, 1)  # (W, U, P, q + K + 1)
-        log_determinant = np.zeros(width)
-        of_prior = np.zeros((width, latents, latents + 1))
         diagonal = np.arange(latents)
+        of_prior = np.zeros((width, latents, latents + 1))
         of_prior[:, diagonal, diagonal] = np.sqrt(prior).T
         remaining = [of_prior]
         unit_rows = np.eye(effect_count, len(whole))
         of_effects = np.broadcast_to(unit_rows, (width, *unit_rows.shape))
-        for g in range(units.patterns):
-            of_pattern = by_draw[:, units.pattern == g]
-            flat = of_pattern.reshape(width, -1, len(whole))
-            triangle = _triangle([flat, of_effects])
-            log_determinant += _log_pivots(triangle[:, :effect_count, :effect_count])
-            remaining.append(triangle[:, effect_count:, effect_count:])
+        self.log_density = np.zeros(width)
+        for g in range(units.effects.shape[1]):
+            rows = by_draw[:, units.pattern == g]
+            flat = rows.reshape(width, -1, len(whole))
+            of_pattern = _triangle([flat, of_effects])
+            self.log_density -= _log_pivots(of_pattern[:, :effect_count, :effect_count])
+            remaining.append(of_pattern[:, effect_count:, effect_count:])
         triangle = _triangle(remaining)
-        log_determinant += _log_pivots(triangle[:, :latents, :latents])
+        self.log_density -= _log_pivots(triangle[:, :latents, :latents])
+        self.log_density -= 0.5 * triangle[:, latents, latents] ** 2
         #: R⁻¹, (W, K, K)
         self._inverse = np.linalg.inv(triangle[:, :latents, :latents])
         right = triangle[:, :latents, latents]
         self.best = np.einsum("wkl,wl->kw", self._inverse, right)
-        distance = triangle[:, latents, latents] ** 2
-        self.log_density = -log_determinant - 0.5 * distance
 
     def columns(self, weights: Array) -> Array:
         """Columns (K, L, W) of combinations with weights (K, L, 1)."""
-        return np.asarray(np.einsum("wkl,kn->lnw", self._inverse, weights[..., 0]))
+        columns = np.einsum("wkl,kn->lnw", self._inverse, weights[..., 0])
+        return np.asarray(columns)
 
 
 def _triangle(rows: list[Array]) -> Array:
@@ -261,4 +256,5 @@ def _triangle(rows: list[Array]) -> Array:
 def _log_pivots(triangles: Array) -> Array:
     """Log determinants of triangles (W, K, K), (W,)."""
     pivots = np.diagonal(triangles, axis1=1, axis2=2)
-    return np.asarray(np.log(np.abs(pivots)).sum(axis=1))
+    logs = np.log(np.abs(pivots))
+    return np.asarray(logs.sum(axis=1))

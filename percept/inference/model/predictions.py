@@ -9,6 +9,7 @@ subjects scatter about their own columns, with SD omega.
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from scipy import linalg, special
 from percept.errors import RefusalError
 from percept.inference.model.blocks import Block
 from percept.inference.model.design import Design, columns_by_quantity, new_cells
-from percept.inference.model.gaussian import Joint, SubjectCovariance, joined, user_columns
+from percept.inference.model.gaussian import Joint, Law, SubjectCovariance, joined, user_columns
 from percept.inference.model.model import LinearModel, Model
 from percept.inference.model.priors import Named
 from percept.inference.model.scales import Scales, effect_columns
@@ -60,10 +61,11 @@ def trend_rows(model: LinearModel) -> dict[str, Array]:
 def _location_rows(model: LinearModel, design: Design) -> Array:
     """Weights (C, P, R) of the C cells of a design on the fixed terms' coefficients."""
     quantities, cells = design.cells.x.shape
-    fixed = columns_by_quantity(design.fixed, quantities, cells)
+    fixed = columns_by_quantity(design.fixed, design.cells.x)
     rows = np.zeros((cells, quantities, model.locations))
     # Coefficients are the last of the locations.
-    rows[..., model.locations - len(fixed) :] = fixed.transpose(2, 1, 0)
+    first = model.locations - len(fixed)
+    rows[..., first:] = fixed.transpose(2, 1, 0)
     return rows
 
 
@@ -110,7 +112,8 @@ def new_environment(
         laws = [
             _new_laws(linear, part, design, repeats, rng) for part in linear.passes(coordinates)
         ]
-        parts.append(dict(zip(design.cells.names, joined(laws).apart(), strict=True)))
+        by_condition = joined(laws).apart()
+        parts.append(dict(zip(design.cells.names, by_condition, strict=True)))
         first = last
     if not parts:
         hint = 'Set pooling = "partial" in [model].'
@@ -148,7 +151,7 @@ def _new_laws(
     scales = model.coordinates(points)
     quantities, cells = design.cells.x.shape
     on_line = model.law(points).joint(_location_rows(model, design))
-    deviation = columns_by_quantity(design.deviation, quantities, cells)
+    deviation = columns_by_quantity(design.deviation, design.cells.x)
     variance = np.einsum("apc,aw->wcp", deviation**2, scales.cells.tau**2)
     location = on_line.location
     quantity = np.arange(quantities)
@@ -185,19 +188,43 @@ def _new_sds(
     width = len(scales.log_prior)
     log_sigma = np.full((quantities, cells, width), model.priors.log_s_mean)
     columns = [column for term in design.sd_between for column in term.columns]
-    for name, column in zip(level.coefficients, columns, strict=True):
+    for (name, prior), column in zip(level.coefficients.items(), columns, strict=True):
         # The columns carry the prior SDs of their coefficients.
-        over_prior_sd = named[name] / model.coordinates.coefficient_sd(name)
+        over_prior_sd = named[name] / getattr(model.priors, prior)
         log_sigma += column[..., None] * over_prior_sd[:, None]
     by_draw = np.repeat(log_sigma.T[:, None], repeats, axis=1)
     if level.departures:
         # Standard normals that fill the square evenly, `repeats` in turn for each draw.
-        steps = np.multiply.outer(np.arange(width * repeats), _STEPS_IN_SQUARE[:quantities])
-        uniforms = (steps[:, None] + rng.random((cells, quantities))) % 1.0
+        numbers = np.arange(width * repeats)
+        steps = np.multiply.outer(numbers, _STEPS_IN_SQUARE[:quantities])
+        start = rng.random((cells, quantities))
+        uniforms = (steps[:, None] + start) % 1.0
         normals = special.ndtri(np.clip(uniforms, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY))
         omega = named["omega"].T[:, None, None]
         by_draw += omega * normals.reshape(by_draw.shape)
     return np.exp(by_draw)
+
+
+class _Unobserved(LinearModel):
+    """A model before any data: its coordinates and latents are standard normal."""
+
+    def __init__(self, model: LinearModel) -> None:
+        super().__init__(model.statistics.without_scatter(), model.design, model.priors)
+
+    def law(self, points: Array) -> Law:
+        """Law of the locations and of users under the prior."""
+        scales = self.coordinates(points).cells
+        latents = self.basis.matrix.T
+        sd = np.ones((len(points), len(latents)))
+        environments = len(self.design.cells.environments)
+        own = np.repeat(scales.tau, environments, axis=0)
+        sd[:, : self.basis.deviations] = own.T
+        mean = np.zeros((len(points), self.locations))
+
+        def columns(weights: Array) -> Array:
+            return (weights @ latents.T) * sd[:, None]
+
+        return Law(lambda: (mean, columns), partial(user_columns, scales))
 
 
 def draw_prior(
@@ -223,23 +250,9 @@ def draw_prior(
     locations, users : ndarray
         Population means and new users of all cells, (draws, P C) each.
     """
-    # Without observed scatter every coordinate is standard normal a priori.
-    blank = LinearModel(model.statistics.without_scatter(), model.design, model.priors)
+    blank = _Unobserved(model)
     points = rng.standard_normal((draws, len(blank.names)))
-    basis = model.basis
-    environments = len(model.design.cells.environments)
-    all_locations = []
-    users = []
-    for part in blank.passes(points):
-        scales = blank.coordinates(part).cells
-        latents = rng.standard_normal((basis.matrix.shape[1], len(part)))
-        latents[: basis.deviations] *= np.repeat(scales.tau, environments, axis=0)
-        locations = (blank.cell_rows @ basis.matrix @ latents).T
-        columns = user_columns(scales, blank.cell_rows)
-        normals = rng.standard_normal(columns[:, 0].shape)
-        all_locations.append(locations)
-        users.append(locations + np.einsum("wlk,wk->wl", columns, normals))
-    return blank.scales(points), np.concatenate(all_locations), np.concatenate(users)
+    return blank.scales(points), *blank.draw(points, rng)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -268,7 +281,8 @@ def cells_of_subjects(model: LinearModel) -> NDArray[np.bool_]:
         Shape (N, C); true throughout without such factors.
     """
     factors = model.design.factors
-    belongs = np.ones((len(model.statistics.subjects), len(model.design.cells.names)), dtype=bool)
+    subjects, _, cells = model.statistics.cell_means.shape
+    belongs = np.ones((subjects, cells), dtype=bool)
     for name in factors.between_subjects:
         level = factors.level[name]
         for pattern in model.statistics.patterns:
@@ -299,8 +313,9 @@ def subject_laws(model: LinearModel, points: Array) -> SubjectLaws:
         cells = pattern.environments
         of_means = observed.between[cells]
         if observed.trial is not None:
-            groups = model.statistics.scatter.group_of(pattern.members[0], cells)
-            of_means = of_means + observed.trial[groups].scaled(1.0 / pattern.trials[:, None])
+            groups = model.statistics.group[pattern.members[0], cells]
+            trial = observed.trial[groups]
+            of_means = of_means + trial.scaled(1.0 / pattern.trials[:, None])
         noise.append(of_means)
         covariances.append(SubjectCovariance(of_means, scales.effects[:, :, cells]))
     by_cell = (*model.design.cells.x.shape, len(points))  # (P, C, W)
@@ -343,33 +358,20 @@ def draw_subject_effects(
     """
     if model.statistics.covariates is not None or not model.design.subject:
         return None
-    effects = []
+    effects = np.empty((len(points), *model.statistics.cell_means.shape[:2]))
+    own_cells = cells_of_subjects(model)
     first = 0
     for part in model.passes(points):
-        last = first + len(part)
-        effects.append(_effects_of_pass(model, part, locations[first:last], rng))
-        first = last
-    return np.concatenate(effects)
-
-
-def _effects_of_pass(
-    model: LinearModel,
-    points: Array,
-    locations: Array,
-    rng: np.random.Generator,
-) -> Array:
-    """Effects (W, N, P) at the points of one pass."""
-    laws = subject_laws(model, points)
-    cell_means = model.statistics.cell_means
-    beta = locations.T.reshape(laws.mean.shape)  # (P, C, W)
-    effects = np.empty((len(locations), len(cell_means), len(beta)))
-    cells_of_subject = cells_of_subjects(model)
-    patterns = zip(model.statistics.patterns, laws.covariances, strict=True)
-    for pattern, covariance in patterns:
-        present = pattern.environments
-        residual = cell_means[pattern.members][:, :, present, None] - beta[:, present]
-        is_own = cells_of_subject[pattern.members[0]]
-        average_columns = laws.effects[:, :, is_own].mean(axis=2)  # (q, P, W)
-        latents = covariance.draw_effects(residual, rng)  # (q, n, W)
-        effects[:, pattern.members] = np.einsum("qnw,qpw->wnp", latents, average_columns)
+        draws = slice(first, first + len(part))
+        first = draws.stop
+        laws = subject_laws(model, part)
+        beta = locations[draws].T.reshape(laws.mean.shape)  # (P, C, W)
+        for pattern, covariance in zip(model.statistics.patterns, laws.covariances, strict=True):
+            present = pattern.environments
+            cell_means = model.statistics.cell_means[pattern.members][:, :, present, None]
+            latents = covariance.draw_effects(cell_means - beta[:, present], rng)  # (q, n, W)
+            is_own = own_cells[pattern.members[0]]
+            average_columns = laws.effects[:, :, is_own].mean(axis=2)  # (q, P, W)
+            drawn = np.einsum("qnw,qpw->wnp", latents, average_columns)
+            effects[draws, pattern.members] = drawn
     return effects

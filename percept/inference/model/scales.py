@@ -140,11 +140,7 @@ class Coordinates:
         if statistics.repeats:
             self.trial = CellSpreads(statistics, design, priors, "_e")
             if self._scatter.subject is not None:
-                self._subject_spreads = SubjectSpreads(
-                    self._scatter,
-                    len(statistics.subjects),
-                    len(statistics.environments),
-                )
+                self._subject_spreads = SubjectSpreads(statistics)
         self.names: list[str] = []
         self.slots: dict[str, slice] = {}
         self.dimensions: dict[str, tuple[str, ...]] = {}
@@ -176,7 +172,9 @@ class Coordinates:
             subjects = ("subject", statistics.subjects)
             self._append("phi", quantities, subjects, standard=False)
             self._append("omega_s", quantities, prior="omega_s_scale")
-        of_subjects = [(_name_of("sigma", term), _name_of("rho", term)) for term in design.subject]
+        of_subjects = []
+        for term in design.subject:
+            of_subjects.append((_name_of("sigma", term), _name_of("rho", term)))
         of_subjects += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self.own_slopes]
         of_trend = f"sigma_v:{TREND}"
         for sigma, rho in of_subjects:
@@ -188,9 +186,13 @@ class Coordinates:
             self._append(_name_of("tau", term), quantities, prior="tau_scale")
         for term in design.effect_size:
             columns = (f"{term.name} column", numbered("column", len(term.columns)))
-            self._append(f"eta:{term.name}", quantities, columns, prior="psi_sd")
+            self._append(f"eta:{term.name}", quantities, columns, prior=term.prior)
 
-    def _name_level(self, level: CellSpreads, quantities: Axis) -> None:
+    def _name_level(
+        self,
+        level: CellSpreads,
+        quantities: Axis,
+    ) -> None:
         """Name the coordinates of log SDs, but for their correlation."""
         suffix = level.suffix
         self.priors_in_use |= {f"log_s{suffix}_mean", f"log_s{suffix}_sd"}
@@ -198,8 +200,8 @@ class Coordinates:
         if level.departures:
             cells = ("environment", self._design.cells.names)
             self._append(f"sigma{suffix}", quantities, cells, standard=False)
-        for coefficient in level.coefficients:
-            self._append(coefficient, quantities, prior=_prior_of(coefficient))
+        for coefficient, prior in level.coefficients.items():
+            self._append(coefficient, quantities, prior=prior)
         if level.departures and level.single_sd is None:
             self._append(f"omega{suffix}", quantities, prior=f"omega{suffix}_scale")
 
@@ -253,7 +255,11 @@ class Coordinates:
             log_prior += self._level_sds(self.trial, coordinates, shift, named)
         return Scales(named, self.cell_scales(named, rests), log_prior)
 
-    def cell_scales(self, named: Mapping[str, Array], rests: Mapping[str, Array]) -> CellScales:
+    def cell_scales(
+        self,
+        named: Mapping[str, Array],
+        rests: Mapping[str, Array],
+    ) -> CellScales:
         """Scales of the cells from scales and correlations by name.
 
         Parameters
@@ -298,7 +304,11 @@ class Coordinates:
             tau=np.reshape(taus, (len(taus) * self._design.parameters, width)),
         )
 
-    def _by_quantity(self, name: str, coordinates: Array) -> Array:
+    def _by_quantity(
+        self,
+        name: str,
+        coordinates: Array,
+    ) -> Array:
         """Coordinates of a scale, (P, count, W)."""
         flat = coordinates[self.slots[name]]
         return flat.reshape(self._design.parameters, -1, flat.shape[-1])
@@ -315,30 +325,23 @@ class Coordinates:
         The rough likelihood is moved by a shift (P, C or 1, W).
         """
         suffix = level.suffix
-        shape = (self._design.parameters, len(level.coefficients), coordinates.shape[1])
+        width = coordinates.shape[1]
+        shape = (self._design.parameters, len(level.coefficients), width)
         columns = np.empty(shape)
         for k, name in enumerate(level.coefficients):
             columns[:, k] = coordinates[self.slots[name]]
         if level.departures:
             of_cells = self._by_quantity(f"sigma{suffix}", coordinates)
-            fixed_omega = np.full((len(of_cells), coordinates.shape[1]), level.single_sd or 0.0)
-            omega = named.get(f"omega{suffix}", fixed_omega)
+            omega = named.get(f"omega{suffix}")
+            if omega is None:
+                omega = np.full((len(of_cells), width), level.single_sd)
             spreads = level(columns, of_cells, omega, shift)
         else:
             spreads = level.without_departures(columns)
-        for k, name in enumerate(level.coefficients):
-            named[name] = spreads.multiples[:, k] * self.coefficient_sd(name)
+        for k, (name, prior) in enumerate(level.coefficients.items()):
+            named[name] = spreads.multiples[:, k] * getattr(self._priors, prior)
         named[f"sigma{suffix}"] = np.exp(spreads.log_sigma)
         return spreads.log_density
-
-    def coefficient_sd(self, name: str) -> float:
-        """Prior SD of a coefficient of log sigma."""
-        return float(getattr(self._priors, _prior_of(name)))
-
-
-def _prior_of(coefficient: str) -> str:
-    """Field of `Priors` with the SD of a coefficient of log sigma."""
-    return "psi_sd" if coefficient.startswith("psi") else f"{coefficient}_sd"
 
 
 def _name_of(symbol: str, term: Term) -> str:

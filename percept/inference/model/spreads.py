@@ -10,8 +10,8 @@ For one quantity the log SDs of C cells are
     omega   SD of log sigma about the columns, one number
     e       departures from the columns over omega, (C,), standard normal
 
-The data give log sigma a rough likelihood N(log sigma; l, diag(1/w)), with l and w (C,) (`rough`).
-Given omega, log sigma is then normal with some mean and covariance. The coordinates u of log sigma
+The data give log sigma a rough likelihood N(log sigma; l, diag(1/w)), with l and w (C,). Given
+omega, log sigma is then normal with some mean and covariance. The coordinates u of log sigma
 are standard normal under this law, so that they are nearly so under the posterior. Neither a
 centred nor a non-centred form is that for all data. The rough likelihood shapes the coordinates
 alone: the Jacobian is included, so that the prior is exact. Given omega, prior and rough likelihood
@@ -55,12 +55,17 @@ from percept.inference.model.blocks import (
 )
 from percept.inference.model.design import LEVEL, TREND, Design
 from percept.inference.model.priors import Priors
-from percept.inference.model.rough import likelihood_between, likelihood_of_trials
 from percept.inference.model.statistics import Statistics
 
 Array = NDArray[np.float64]
 
 _LOG_2PI = math.log(2.0 * math.pi)
+#: Least share of a scatter that is taken for sigma's: where noise explains all but this, what it
+#: leaves is chance. Studies whose subjects differ less than their trials take as many draws with it
+#: as with the mode of all cells together, and coordinates stay near.
+_LEAST_SHARE = 0.2
+#: Least degrees of freedom, of all subjects in a cell, that are more than rounding.
+_LEAST_DF = 1e-9
 
 
 def numbered(name: str, count: int) -> list[str]:
@@ -95,8 +100,8 @@ class CellSpreads:
 
     Attributes
     ----------
-    coefficients : list of str
-        Names of the coefficients of log sigma, one for each column.
+    coefficients : dict of str to str
+        Names of the coefficients of log sigma, one for each column, and of their priors.
     departures : bool
         Whether log SDs scatter about what their columns give.
     centre : float
@@ -120,11 +125,12 @@ class CellSpreads:
         terms = design.sd_trial if suffix else design.sd_between
         self.suffix = suffix
         self.rho = f"rho{suffix or '_w'}"
-        self.coefficients = []
+        self.coefficients: dict[str, str] = {}
         names = {LEVEL: f"log_s{suffix}", TREND: f"kappa{suffix}"}
         for term in terms:
             name = names.get(term.name, f"psi{suffix}:{term.name}")
-            self.coefficients += numbered(name, len(term.columns))
+            for coefficient in numbered(name, len(term.columns)):
+                self.coefficients[coefficient] = term.prior
         self.departures = not terms or not design.options.common_spread
         log_s_sd = getattr(priors, f"log_s{suffix}_sd")
         self.single_sd = None if terms else log_s_sd
@@ -132,20 +138,15 @@ class CellSpreads:
         columns = [term.columns for term in terms]
         no_columns = np.zeros((0, *design.cells.x.shape))
         #: (P, K, C)
-        self._loadings = np.moveaxis(np.concatenate([no_columns, *columns]), 1, 0)
+        every_column = np.concatenate([no_columns, *columns])
+        self._loadings = np.moveaxis(every_column, 1, 0)
         if suffix:
-            rough = likelihood_of_trials(statistics)
+            rough_mean, self.weight = _rough_of_trials(statistics)
         else:
             of_subjects = [term.columns for term in design.subject if term.name in names]
-            rough = likelihood_between(
-                statistics,
-                self._loadings,
-                self.centre,
-                log_s_sd,
-                subject_columns=np.concatenate([no_columns, *of_subjects]),
-            )
-        self.weight = rough.weight
-        by_quantity = zip(self._loadings, rough.mean, rough.weight, strict=True)
+            subject_columns = np.concatenate([no_columns, *of_subjects])
+            rough_mean, self.weight = _rough_between(statistics, subject_columns)
+        by_quantity = zip(self._loadings, rough_mean, self.weight, strict=True)
         self._maps = [SpreadMap(self.centre, *of_quantity) for of_quantity in by_quantity]
 
     def __call__(
@@ -211,7 +212,9 @@ class SpreadMap:
         # Turn the columns: U' = rotation diag(sizes) directions. All formulas hold for the turned
         # columns, which are orthogonal, and the turned coefficients rotation'h. Padded, so that
         # few cells have K singular values too; no column is one of zeros.
-        padded = np.pad(loadings, ((0, 1 - min(count, 1)), (0, max(count, 1))))
+        width = max(count, 1)
+        padded = np.zeros((width, cells + width))
+        padded[:count, :cells] = loadings
         self._rotation, sizes, directions = np.linalg.svd(padded, full_matrices=False)
         self._sizes = sizes[:, None]  # (K, 1)
         # A direction without size is arbitrary: it may even point into the padding.
@@ -250,7 +253,8 @@ class SpreadMap:
         weight = self._weight / precision  # q
         scaled_u = u / np.sqrt(precision)
         factor = lower_factor(add_to_diagonal(self._squares(weight), 1.0))  # L
-        right = np.empty((len(factor), len(factor) + 2, len(omega)))
+        size = len(factor)
+        right = np.empty((size, size + 2, len(omega)))
         right[:, :-2] = self._squares(1.0 / precision)
         right[:, -2] = self._loadings @ scaled_u
         right[:, -1] = self._loadings @ (weight * rough_departure)
@@ -295,3 +299,88 @@ class SpreadMap:
         """U' diag(x) U, (K, K, W), for weights x (C, W)."""
         count = len(self._loadings)
         return (self._products @ weight).reshape(count, count, -1)
+
+
+def _rough(
+    variance: Array,
+    noise: Array | float,
+    df: Array,
+) -> tuple[Array, Array]:
+    """Mean and weight of the rough likelihood of log SDs, each (P, C).
+
+    A scatter, a variance of df degrees of freedom, has the mean sigma² + noise. A log SD is known
+    to 1/√(2 df) from a scatter that is all sigma's, and the less the more noise there is. A scatter
+    of zero is no evidence of a small SD.
+    """
+    informed = variance > 0.0
+    remaining = np.maximum(variance - noise, _LEAST_SHARE * variance)
+    share = np.divide(remaining, variance, out=np.zeros_like(variance), where=informed)
+    log_sd = 0.5 * np.log(np.where(informed, remaining, 1.0))
+    return log_sd, 2.0 * df * share * share
+
+
+def _rough_of_trials(statistics: Statistics) -> tuple[Array, Array]:
+    """Rough likelihood of the log SDs between trials: their scatter has no noise."""
+    df = statistics.trial_df
+    return _rough(statistics.trial_squares / np.maximum(df, 1.0), 0.0, df)
+
+
+def _rough_between(statistics: Statistics, subject_columns: Array) -> tuple[Array, Array]:
+    """Rough likelihood of the log SDs between subjects.
+
+    Their scatter is less what trials explain, and what subjects' coefficients of their own columns
+    (q, P, C) do.
+    """
+    variance = np.square(statistics.sd)
+    df = statistics.df
+    if len(subject_columns):
+        within, df_within = _within_subjects(statistics, subject_columns)
+        smaller = (within > 0.0) & (within < variance)
+        variance = np.where(smaller, within, variance)
+        df = np.where(smaller, df_within, df)
+    return _rough(variance, _noise_of_trials(statistics), df)
+
+
+def _within_subjects(statistics: Statistics, subject_columns: Array) -> tuple[Array, Array]:
+    """Variance of subjects' cell means about the cells and about subjects' lines, and its df.
+
+    Each subject has a coefficient of every column (q, P, C). Fitting it takes degrees of freedom
+    from the cells on which the fit leans. The mean of a cell takes one from its subjects.
+    """
+    cell_means = statistics.cell_means
+    about_cells = cell_means - np.nanmean(cell_means, axis=0)
+    squares = np.zeros(cell_means.shape[1:])
+    df = np.zeros_like(squares)
+    subjects = np.zeros(len(squares.T))
+    for pattern in statistics.patterns:
+        cells = pattern.environments
+        subjects[cells] += pattern.subjects
+        of_members = about_cells[pattern.members][:, :, cells]
+        for p, values in enumerate(of_members.swapaxes(0, 1)):
+            columns = subject_columns[:, p, cells]
+            fitted = np.linalg.pinv(columns) @ columns
+            residuals = values - values @ fitted
+            squares[p, cells] += np.square(residuals).sum(axis=0)
+            df[p, cells] += pattern.subjects * (1.0 - np.diag(fitted))
+    df *= 1.0 - 1.0 / subjects
+    # A subject with as many columns as cells has no scatter left, but for rounding.
+    df[df < _LEAST_DF] = 0.0
+    zeros = np.zeros_like(df)
+    return np.divide(squares, df, out=zeros, where=df > 0), df
+
+
+def _noise_of_trials(statistics: Statistics) -> Array:
+    """Variance that trials give to a cell's mean, averaged over the subjects of the cell."""
+    df = statistics.trial_df
+    squares = statistics.trial_squares
+    all_squares = squares.sum(axis=1, keepdims=True)
+    # An environment without repeats takes the variance that the others have together.
+    pooled = all_squares / max(df.sum(), 1.0)
+    by_cell = squares / np.maximum(df, 1.0)
+    variance = np.where(df > 0, by_cell, pooled)
+    subjects = np.zeros(df.size)
+    inverse_trials = np.zeros(df.size)
+    for pattern in statistics.patterns:
+        subjects[pattern.environments] += pattern.subjects
+        inverse_trials[pattern.environments] += pattern.subjects / pattern.trials
+    return variance * inverse_trials / subjects

@@ -1,14 +1,16 @@
 """Sufficient statistics of a matching study: what the density reads instead of trials.
 
 Subjects who share one vector of trial counts are a pattern. Where subjects have trial SDs of their
-own, or covariates, each is a pattern (`trials`). Arrays have N subjects, P quantities, J cells, E
-cells in a pattern, T groups of trials, and M covariates.
+own, or covariates, each is a pattern. Arrays have N subjects, P quantities, J cells, E cells in a
+pattern, T groups of trials, and M covariates. All cells of all subjects are numbered in one row
+where trials are grouped: `group` has the number of each trial.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,14 +54,6 @@ class TrialScatter:
     rows: Array  # (P, P, T) Rows of responses, less what covariates explain, as [quantity, row]
     squares: Array  # (P, T) Sums of squares of the responses about their means
 
-    def group_of(self, subject: Indices, cell: Indices) -> Indices:
-        """Group of the trials of subjects in cells."""
-        if self.subject is None:
-            return cell
-        groups = np.zeros((self.subject.max() + 1, self.cell.max() + 1), dtype=np.intp)
-        groups[self.subject, self.cell] = np.arange(len(self.cell))
-        return groups[subject, cell]
-
 
 @dataclasses.dataclass(frozen=True)
 class Resolution:
@@ -91,9 +85,10 @@ class Statistics:
     subjects: tuple[str, ...]  # Labels
     x: Array  # (P, J) log10 of each reference over the geometric mean of the references
     patterns: tuple[Pattern, ...]  # Distinct patterns of trial counts
-    trial_df: Array  # (J,) Degrees of freedom of the pooled scatter between trials
-    trial_rows: Array  # (P, P, J) Rows whose outer products sum to it, less subjects' own slopes
-    scatter: TrialScatter  # Between trials, as the density reads it
+    scatter: TrialScatter  # Between trials
+    group: Indices  # (N, J) Group of the scatter that a subject's trials in a cell belong to
+    trial_df: Array  # (J,) Degrees of freedom between trials, subjects pooled
+    trial_squares: Array  # (P, J) Sums of squares between trials, less subjects' own slopes
     sd: Array  # (P, J) Between-subject SD of the cell means, zero where there is none
     df: Array  # (P, J) Its degrees of freedom
     cell_means: Array  # (N, P, J) Cell means per subject, NaN where a subject has none
@@ -104,18 +99,14 @@ class Statistics:
         """Whether any cell holds more than one trial."""
         return bool(np.any(self.trial_df > 0))
 
-    @property
-    def summary(self) -> bool:
-        """Whether these are published means and SDs, without subjects."""
-        return not self.subjects
-
-    @property
+    @cached_property
     def constant(self) -> float:
         """Part of the log density that no scale enters: powers of 2 pi and of the counts."""
         logs = 0.0
         for pattern in self.patterns:
             # Means of r trials and of N subjects have densities with r^(P/2) and N^(P/2) in front.
-            of_subject = _LOG_2PI * pattern.trials.sum() + np.log(pattern.trials).sum()
+            of_subject = _LOG_2PI * pattern.trials.sum()
+            of_subject += np.log(pattern.trials).sum()
             logs += pattern.subjects * of_subject
             logs += pattern.environments.size * math.log(pattern.subjects)
         return -0.5 * len(self.parameters) * logs
@@ -131,14 +122,14 @@ class Statistics:
             self,
             scatter=scatter,
             sd=np.zeros_like(self.sd),
-            trial_rows=np.zeros_like(self.trial_rows),
+            trial_squares=np.zeros_like(self.trial_squares),
         )
 
 
 def from_trials(
     response: Array,
     subject: Indices,
-    environment: Indices,
+    cell: Indices,
     x: Array,
     *,
     parameters: tuple[str, ...],
@@ -151,12 +142,12 @@ def from_trials(
     ----------
     response : ndarray
         One row per trial, on the response scale, shape (trials, P).
-    subject, environment : ndarray of int
-        Number of the subject and of the environment of each trial, shape (trials,).
+    subject, cell : ndarray of int
+        Number of the subject and of the cell of each trial, shape (trials,).
     x : ndarray
-        Decades of each reference above their geometric mean, shape (P, J).
+        Decades of each cell's reference above their geometric mean, shape (P, J).
     parameters, environments, subjects : tuple of str
-        Labels.
+        Labels; those of the cells are `environments`.
 
     Returns
     -------
@@ -172,30 +163,72 @@ def from_trials(
             f"one subject ({', '.join(subjects)}) shows no spread between subjects.",
             hint="Add the sessions of at least one more subject.",
         )
-    shape = (len(subjects), len(environments))
-    cell = subject * len(environments) + environment
-    counts = np.bincount(cell, minlength=math.prod(shape)).reshape(shape)
-    means = group_means(response, cell, math.prod(shape))
-    deviation = response - means[cell]
-    triangles = [triangle(deviation[environment == j]).T for j in range(len(environments))]
-    cell_means = np.ascontiguousarray(means.reshape(*shape, -1).swapaxes(1, 2))
+    counts, first, group = _counts(subject, cell, len(environments))
+    means = group_means(response, group)
+    by_cell = np.full((*counts.shape, len(parameters)), np.nan)
+    by_cell[subject[first], cell[first]] = means
+    cell_means = np.ascontiguousarray(by_cell.swapaxes(1, 2))
     sd, df = _sd_between(cell_means)
-    scatter = _pooled_scatter(
-        np.stack(triangles, axis=2), np.maximum(counts - 1.0, 0.0).sum(axis=0)
-    )
+    _, pattern = np.unique(counts, axis=0, return_inverse=True)
+    triangles = _triangles(response - means[group], cell, len(environments))
+    repeats = np.maximum(counts - 1.0, 0.0)
+    scatter = _pooled_scatter(triangles, repeats.sum(axis=0))
     return Statistics(
         parameters=parameters,
         environments=environments,
         subjects=subjects,
         x=np.asarray(x, dtype=float),
-        patterns=tuple(_patterns(counts, cell_means)),
-        trial_df=scatter.df,
-        trial_rows=scatter.rows,
+        patterns=_patterns(counts, cell_means, pattern.ravel()),
         scatter=scatter,
+        group=np.tile(scatter.cell, (len(subjects), 1)),
+        trial_df=scatter.df,
+        trial_squares=scatter.squares,
         sd=sd,
         df=df,
         cell_means=cell_means,
     )
+
+
+def by_subject(
+    statistics: Statistics,
+    trials: tuple[Array, Indices, Indices],
+    *,
+    own_trial_sds: bool,
+    covariates: tuple[str, ...] = (),
+    values: Array | None = None,
+) -> Statistics:
+    """Make every subject a pattern, for trial SDs of their own or for covariates.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        Of the same trials.
+    trials : tuple of ndarray
+        Responses (trials, P), and the subject and the cell of each trial, (trials,).
+    own_trial_sds : bool
+        Whether each subject has trial SDs of its own.
+    covariates : tuple of str
+        Names of the covariates.
+    values : ndarray, optional
+        Covariates of every trial, centred, shape (trials, M). Those that vary within subjects are
+        centred within them: slopes of their own then leave the subjects' effects alone.
+
+    Returns
+    -------
+    Statistics
+        Its scatter between trials is less what the covariates explain.
+    """
+    _, subject, cell = trials
+    counts, first, _ = _counts(subject, cell, len(statistics.environments))
+    patterns = _patterns(counts, statistics.cell_means, np.arange(len(counts)))
+    apart = dataclasses.replace(statistics, patterns=patterns)
+    if own_trial_sds:
+        group = np.zeros_like(statistics.group)
+        group[subject[first], cell[first]] = np.arange(len(first))
+        apart = dataclasses.replace(apart, scatter=trial_scatter(*trials), group=group)
+    if values is None:
+        return apart
+    return _with_covariates(apart, trials, covariates, values)
 
 
 def from_summary(
@@ -223,36 +256,76 @@ def from_summary(
         )
         patterns.append(pattern)
     cells = len(environments)
-    scatter = _pooled_scatter(np.zeros((1, 1, cells)), np.zeros(cells))
+    no_rows = np.zeros((cells, 1, 1))
+    scatter = _pooled_scatter(no_rows, np.zeros(cells))
     return Statistics(
         parameters=(parameter,),
         environments=environments,
         subjects=(),
         x=np.reshape(x, (1, -1)),
         patterns=tuple(patterns),
-        trial_df=scatter.df,
-        trial_rows=scatter.rows,
         scatter=scatter,
+        group=np.empty((0, cells), dtype=np.intp),
+        trial_df=scatter.df,
+        trial_squares=scatter.squares,
         sd=np.reshape(sd, (1, -1)),
         df=np.reshape(n, (1, -1)) - 1.0,
         cell_means=np.empty((0, 1, cells)),
     )
 
 
-def group_means(
-    values: Array,
-    group: Indices,
-    groups: int,
-) -> Array:
-    """Means of values (trials, k) by the group of each trial, (groups, k); NaN of no trials."""
-    counts = np.bincount(group, minlength=groups)
-    means = np.zeros((groups, values.shape[1]))
+def trial_scatter(
+    response: Array,
+    subject: Indices,
+    cell: Indices,
+) -> TrialScatter:
+    """Reduce trials to their scatter in the cells of every subject.
+
+    Parameters
+    ----------
+    response : ndarray
+        One row per trial, on the response scale, shape (trials, P).
+    subject, cell : ndarray of int
+        Number of the subject and of the cell of each trial, shape (trials,).
+
+    Returns
+    -------
+    TrialScatter
+    """
+    _, first, group = _counts(subject, cell, cell.max() + 1)
+    departures = response - group_means(response, group)[group]
+    rows = _triangles(departures, group, len(first))
+    df = np.bincount(group).astype(float) - 1.0
+    scatter = _pooled_scatter(rows, df)
+    return dataclasses.replace(scatter, cell=cell[first], subject=subject[first])
+
+
+def _counts(
+    subject: Indices,
+    cell: Indices,
+    cells: int,
+) -> tuple[Array, Indices, Indices]:
+    """Count the trials of N subjects in each cell, (N, cells), and group them by both.
+
+    Returned are also the first trial of each group, and the group of each trial.
+    """
+    numbers = subject * cells + cell
+    _, first, group = np.unique(numbers, return_index=True, return_inverse=True)
+    counts = np.zeros((subject.max() + 1, cells))
+    counts[subject[first], cell[first]] = np.bincount(group)
+    return counts, first, group
+
+
+def group_means(values: Array, group: Indices) -> Array:
+    """Means of values (trials, k) by the group of each trial, (groups, k)."""
+    counts = np.bincount(group)
+    means = np.zeros((len(counts), values.shape[1]))
     # A second pass over the deviations: the first mean's rounding does not reach the scatter.
     for _ in range(2):
         about_means = values - means[group]
-        sums = [np.bincount(group, weights=column, minlength=groups) for column in about_means.T]
-        means += np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None]
-    means[counts == 0] = np.nan
+        sums = [np.bincount(group, weights=column) for column in about_means.T]
+        by_column = np.reshape(sums, means.T.shape)
+        means += by_column.T / counts[:, None]
     return means
 
 
@@ -263,24 +336,38 @@ def triangle(rows: Array) -> Array:
     return np.pad(factor, ((0, size - len(factor)), (0, 0)))
 
 
-def _pooled_scatter(rows: Array, df: Array) -> TrialScatter:
-    """Scatter between trials of the cells, subjects pooled."""
+def _triangles(
+    rows: Array,
+    group: Indices,
+    groups: int,
+) -> Array:
+    """Triangles (groups, K, K) of the rows (n, K) of each group."""
+    triangles = [triangle(rows[group == number]) for number in range(groups)]
+    return np.stack(triangles)
+
+
+def _pooled_scatter(triangles: Array, df: Array) -> TrialScatter:
+    """Scatter between trials of the cells, subjects pooled, from triangles (T, P, P)."""
     return TrialScatter(
         cell=np.arange(len(df)),
         subject=None,
         df=df,
-        rows=rows,
-        squares=np.square(rows).sum(axis=1),
+        rows=np.ascontiguousarray(triangles.transpose(2, 1, 0)),
+        squares=np.square(triangles).sum(axis=1).T,
     )
 
 
-def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
-    """Group subjects by their trial counts (N, J)."""
-    distinct, member_of = np.unique(counts, axis=0, return_inverse=True)
+def _patterns(
+    counts: Array,
+    cell_means: Array,
+    pattern: Indices,
+) -> tuple[Pattern, ...]:
+    """Collect subjects with equal trial counts (N, J), given the number of each one's pattern."""
     patterns = []
-    for index, trials in enumerate(distinct):
+    for number in range(pattern.max() + 1):
+        members = np.flatnonzero(pattern == number)
+        trials = counts[members[0]]
         present = np.flatnonzero(trials)
-        members = np.flatnonzero(member_of.ravel() == index)
         values = cell_means[members][:, :, present]
         mean = values.mean(axis=0)
         mean = mean + (values - mean).mean(axis=0)
@@ -288,16 +375,17 @@ def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
         fewer_rows = members.size <= flat.shape[1]
         # Helmert contrasts: N - 1 rows with the scatter of N rows about their mean.
         rows = linalg.helmert(len(flat)) @ flat if fewer_rows else triangle(flat)
-        by_parameter = rows.reshape(len(rows), *mean.shape).transpose(1, 0, 2)
-        pattern = Pattern(
+        by_row = rows.reshape(len(rows), *mean.shape)
+        by_parameter = by_row.transpose(1, 0, 2)
+        one = Pattern(
             environments=present,
-            trials=trials[present].astype(float),
+            trials=trials[present],
             members=members,
             mean=mean,
             rows=np.ascontiguousarray(by_parameter),
         )
-        patterns.append(pattern)
-    return patterns
+        patterns.append(one)
+    return tuple(patterns)
 
 
 def _sd_between(cell_means: Array) -> tuple[Array, Array]:
@@ -309,6 +397,88 @@ def _sd_between(cell_means: Array) -> tuple[Array, Array]:
     # Once more about that mean: equal values must have an SD of exactly zero.
     about_mean = np.where(present, cell_means - mean, 0.0)
     mean = mean + about_mean.sum(axis=0) / divisor
-    squares = np.where(present, (cell_means - mean) ** 2, 0.0).sum(axis=0)
+    about_mean = np.where(present, cell_means - mean, 0.0)
+    squares = np.square(about_mean).sum(axis=0)
     sd = np.sqrt(squares / np.maximum(n - 1, 1))
     return sd, np.maximum(n - 1.0, 0.0)
+
+
+def _with_covariates(
+    statistics: Statistics,
+    trials: tuple[Array, Indices, Indices],
+    names: tuple[str, ...],
+    values: Array,
+) -> Statistics:
+    """Join covariates (trials, M) to statistics in which every subject is a pattern."""
+    response, subject, cell = trials
+    cells = len(statistics.environments)
+    _, first, group = _counts(subject, cell, cells)
+    varies = _varies(values, subject)
+    values = np.where(varies, values - group_means(values, subject)[subject], values)
+    means = np.zeros((len(names), len(statistics.subjects), cells))
+    means[:, subject[first], cell[first]] = group_means(values, group).T
+    # Of these covariates trials depart from the mean of their cell.
+    varies_in_cell = _varies(values, group)
+    varying = int(varies_in_cell.sum())
+    numbers = np.hstack([values[:, varies_in_cell], response])
+    departures = numbers - group_means(numbers, group)[group]
+    triangles = _triangles(departures, group, len(first))
+    rows = triangles[:, :varying].reshape(-1, departures.shape[1])
+    informed = rows.any(axis=1)
+    row_values = np.zeros((len(names), len(rows)))
+    row_values[varies_in_cell] = rows[:, :varying].T
+    of_covariates = Covariates(
+        names=names,
+        within=tuple(name for name, is_within in zip(names, varies, strict=True) if is_within),
+        mean=means,
+        row_subject=np.repeat(subject[first], varying)[informed],
+        row_cell=np.repeat(cell[first], varying)[informed],
+        row_values=row_values[:, informed],
+        row_responses=rows[informed, varying:].T,
+    )
+    unexplained = triangles[:, varying:, varying:]
+    quantities = response.shape[1]
+    if statistics.scatter.subject is None:
+        by_cell = np.repeat(cell[first], quantities)
+        unexplained = _triangles(unexplained.reshape(-1, quantities), by_cell, cells)
+    of_responses = departures[:, varying:]
+    about_slopes = _about_own_slopes(departures[:, :varying], of_responses, subject, cell)
+    by_quantity = np.square(about_slopes).T
+    squares = [np.bincount(cell, weights=column) for column in by_quantity]
+    rows = unexplained.transpose(2, 1, 0)
+    scatter = dataclasses.replace(statistics.scatter, rows=rows)
+    # As many slopes as degrees of freedom leave rounding alone.
+    informed_cells = statistics.trial_df > varying
+    return dataclasses.replace(
+        statistics,
+        scatter=scatter,
+        trial_squares=np.where(informed_cells, squares, 0.0),
+        covariates=of_covariates,
+    )
+
+
+def _about_own_slopes(
+    values: Array,
+    responses: Array,
+    subject: Indices,
+    cell: Indices,
+) -> Array:
+    """Departures of responses (trials, P) less what slopes of each subject explain of them."""
+    unexplained = np.zeros_like(responses)
+    for i in np.unique(subject):
+        is_subject = subject == i
+        df = is_subject.sum() - len(np.unique(cell[is_subject]))
+        # As many covariates as degrees of freedom explain all scatter: the rest is rounding.
+        if df > values.shape[1]:
+            of_subject = responses[is_subject]
+            columns = values[is_subject]
+            slopes, *_ = np.linalg.lstsq(columns, of_subject, rcond=None)
+            unexplained[is_subject] = of_subject - columns @ slopes
+    return unexplained
+
+
+def _varies(values: Array, group: Indices) -> NDArray[np.bool_]:
+    """Whether a column of values (trials, M) varies within a group of trials, (M,)."""
+    _, first, number = np.unique(group, return_index=True, return_inverse=True)
+    of_first = values[first][number]
+    return np.asarray((values != of_first).any(axis=0))

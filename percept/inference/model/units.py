@@ -8,11 +8,6 @@ mean of their cell. Given the scales, the units of a pattern of subjects are
 with Z the columns of a subject's effects b, standard normal, and the noise a small block D for each
 unit. Units of a kind have the same cell, group of trials and number of trials, and so the same D.
 
-The columns of a unit are numbers of its own times a few vectors of its kind: a unit vector for each
-quantity, and the columns of effects. Every entry of the joint precision of all unknowns is then a
-fixed combination of the products v'D⁻¹w of vectors of one kind. One sparse matrix holds these
-combinations, and no draw walks over units.
-
 Arrays have a own deviations in each of J environments, r other latents, q effects of each of G
 patterns, P quantities, U units, V vectors and W sets of scales. Effects or own deviations are
 eliminated first and come first among the unknowns. The data are one more column, the last.
@@ -27,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from percept.inference.model.blocks import Block
-from percept.inference.model.design import Basis, Design, environments_apart
+from percept.inference.model.design import Basis, Design
 from percept.inference.model.scales import CellScales
 from percept.inference.model.statistics import Statistics
 
@@ -35,21 +30,29 @@ Array = NDArray[np.float64]
 
 
 class Units:
-    """Units of a study, with the vectors of their kinds and their numbers times these.
+    """Units of a study: what each multiplies a few vectors of its kind by.
+
+    The vectors are a unit vector for each quantity, and the columns of effects.
 
     Attributes
     ----------
     pattern, kind : ndarray of int
         Of each unit, (U,).
-    patterns, environments, deviations : int
-        Numbers G, J and a J.
-    own_first : bool
-        Whether own deviations are eliminated first, and not effects.
+    before_effects : int
+        Number of unknowns before the effects: none, or own deviations that are eliminated first.
+    block_shape : tuple of int
+        Size and number of the blocks of unknowns that are eliminated first.
     latents : ndarray
         Columns X, and the data last, (a J + r + 1, P, U).
     multipliers : ndarray
         What a unit multiplies the column of each effect by, (q, U): one for a mean and zero for
         trials; for subjects' own slopes the value of the covariate.
+    effects : ndarray of int
+        Numbers of the effects among the unknowns, (q, G).
+    others : ndarray of int
+        Numbers of the other unknowns, and of the data, (a J + r + 1,).
+    own : ndarray of int
+        The first of these, own deviations, (a, J).
     columns : csr_array
         What each unknown and the data multiply the vectors of each unit by, (V U, unknowns + 1).
     means_of_kind : ndarray
@@ -61,62 +64,52 @@ class Units:
         statistics: Statistics,
         design: Design,
         basis: Basis,
-        covariate_sd: float,
     ) -> None:
         patterns = statistics.patterns
-        self.patterns = len(patterns)
-        self.environments = len(design.cells.environments)
         cell_counts = [pattern.environments.size for pattern in patterns]
-        subjects = np.array([pattern.subjects for pattern in patterns])
-        self.pattern = np.repeat(np.arange(self.patterns), cell_counts)
+        self.pattern = np.repeat(np.arange(len(patterns)), cell_counts)
         cell = np.concatenate([pattern.environments for pattern in patterns])
         trials = np.concatenate([pattern.trials for pattern in patterns])
+        subjects = np.array([pattern.subjects for pattern in patterns])
         root_subjects = np.sqrt(subjects[self.pattern])
         means = np.concatenate([pattern.mean for pattern in patterns], axis=1)
         data = root_subjects * means
-        #: The first subject of each pattern stands for all.
-        member = np.array([pattern.members[0] for pattern in patterns])
-        is_mean = np.ones(len(cell))
         values = np.zeros((0, len(cell)))
         within: list[int] = []
         covariates = statistics.covariates
         if covariates is not None:
-            # Each pattern is a subject. Rows of trials follow the means.
+            # Each subject is the pattern of its number. Rows of trials follow the means.
             within = [covariates.names.index(name) for name in covariates.within]
-            subject = member[self.pattern]
-            values_of_means = covariates.mean[:, subject, cell]
+            values_of_means = covariates.mean[:, self.pattern, cell]
             values = np.hstack([values_of_means, covariates.row_values])
-            pattern_of_subject = np.argsort(member)
-            of_rows = pattern_of_subject[covariates.row_subject]
-            no_mean = np.zeros(len(of_rows))
-            self.pattern = np.append(self.pattern, of_rows)
-            cell = np.append(cell, covariates.row_cell)
-            trials = np.append(trials, np.ones(len(of_rows)))
-            root_subjects = np.append(root_subjects, no_mean)
-            is_mean = np.append(is_mean, no_mean)
             data = np.hstack([data, covariates.row_responses])
-        quantities = design.parameters
-        environment = design.cells.environment[cell]
-        own = basis.own[:, :, cell]
-        fixed = basis.fixed[:, :, cell]
-        own_apart = environments_apart(own, environment, self.environments)
-        of_cells = np.concatenate([own_apart, fixed]) * root_subjects
-        unit_slopes = covariate_sd * np.eye(quantities)
-        slopes = np.einsum("mu,pq->mpqu", values, unit_slopes)
-        slopes = slopes.reshape(-1, *data.shape)
-        self.latents = np.concatenate([of_cells, slopes, data[None]])
+            rows = len(covariates.row_cell)
+            self.pattern = np.append(self.pattern, covariates.row_subject)
+            cell = np.append(cell, covariates.row_cell)
+            trials = np.append(trials, np.ones(rows))
+            root_subjects = np.append(root_subjects, np.zeros(rows))
+        is_mean = np.sign(root_subjects)
+        quantities, cells = design.cells.x.shape
+        _, latents = basis.matrix.shape
+        # Locations are cells by quantity, then slopes by covariate, and others.
+        ends = quantities * np.array([cells, cells + len(values)])
+        in_cells, of_slopes, _ = np.split(basis.matrix, ends)
+        by_quantity = in_cells.reshape(quantities, cells, latents)
+        in_cell = by_quantity[:, cell]
+        slopes = of_slopes.reshape(len(values), quantities, latents)
+        by_unit = np.einsum("puk,u->kpu", in_cell, root_subjects)
+        by_unit += np.einsum("mpk,mu->kpu", slopes, values)
+        self.latents = np.concatenate([by_unit, data[None]])
         of_means = np.tile(is_mean, (design.effects, 1))
-        of_slopes = np.repeat(values[within], quantities, axis=0)
-        self.multipliers = np.concatenate([of_means, of_slopes])
-        self.deviations = basis.deviations
-        self.own_first = len(self.multipliers) * self.patterns < self.deviations
+        of_own_slopes = np.repeat(values[within], quantities, axis=0)
+        self.multipliers = np.concatenate([of_means, of_own_slopes])
+        environments = len(design.cells.environments)
+        self._number_unknowns(len(patterns), len(basis.own), environments)
         self.columns = self._columns()
-        group = statistics.scatter.group_of(member[self.pattern], cell)
+        #: The first subject of each pattern stands for all.
+        member = np.array([pattern.members[0] for pattern in patterns])
+        group = statistics.group[member[self.pattern], cell]
         labels = np.stack([is_mean, cell, group, trials])
-        self._set_kinds(labels)
-
-    def _set_kinds(self, labels: Array) -> None:
-        """Give every kind a number: each has labels (4, U) of its own."""
         labels_of_kind, kind = np.unique(labels, axis=1, return_inverse=True)
         self.kind = kind.ravel()
         self._is_mean = labels_of_kind[0]
@@ -125,28 +118,42 @@ class Units:
         self._trials = labels_of_kind[3]
         self.means_of_kind = np.bincount(self.kind) * self._is_mean
 
+    def _number_unknowns(
+        self,
+        patterns: int,
+        own: int,
+        environments: int,
+    ) -> None:
+        """Order the unknowns as they are eliminated."""
+        shape = (len(self.multipliers), patterns)
+        effects = math.prod(shape)
+        self.before_effects = 0
+        self.block_shape = shape
+        if effects < own * environments:
+            self.before_effects = own * environments
+            self.block_shape = (own, environments)
+        self.effects = self.before_effects + np.arange(effects).reshape(shape)
+        unknowns = np.arange(effects + len(self.latents))
+        self.others = np.setdiff1d(unknowns, self.effects)
+        own_unknowns = self.others[: own * environments]
+        self.own = own_unknowns.reshape(own, environments)
+
     def _columns(self) -> sparse.csr_array:
         """Numbers by vector and unit, for every unknown."""
         _, quantities, units = self.latents.shape
-        effects = len(self.multipliers)
-        effect_unknowns = effects * self.patterns
         latent, quantity, unit = np.nonzero(self.latents)
         effect, unit_of_effect = np.nonzero(self.multipliers)
         of_latents = self.latents[latent, quantity, unit]
         of_effects = self.multipliers[effect, unit_of_effect]
-        column_of_latent = effect_unknowns + latent
-        column_of_effect = effect * self.patterns + self.pattern[unit_of_effect]
-        if self.own_first:
-            column_of_latent[latent < self.deviations] -= effect_unknowns
-            column_of_effect += self.deviations
-        values = np.concatenate([of_latents, of_effects])
-        vector = np.concatenate([quantity, quantities + effect])
-        unit = np.concatenate([unit, unit_of_effect])
+        values = np.append(of_latents, of_effects)
+        pattern = self.pattern[unit_of_effect]
+        unknown = np.append(self.others[latent], self.effects[effect, pattern])
+        vector = np.append(quantity, quantities + effect)
+        unit = np.append(unit, unit_of_effect)
         row = vector * units + unit
-        column = np.concatenate([column_of_latent, column_of_effect])
-        rows = (quantities + effects) * units
-        columns = effect_unknowns + len(self.latents)
-        return sparse.csr_array((values, (row, column)), (rows, columns))
+        rows = (quantities + len(self.multipliers)) * units
+        unknowns = self.effects.size + self.others.size
+        return sparse.csr_array((values, (row, unknown)), (rows, unknowns))
 
     def noise(self, scales: CellScales) -> Block:
         """D of every kind, entries (kinds, W)."""
@@ -160,17 +167,15 @@ class Units:
 
     def vectors(self, scales: CellScales) -> list[Array]:
         """Vectors of the kinds: of each quantity (P, kinds, 1), then of effects (P, kinds, W)."""
-        kinds = len(self._cell)
-        at_kinds = scales.effects[:, :, self._cell]
-        effects = list(at_kinds)
+        effects = list(scales.effects[:, :, self._cell])
+        _, quantities, _ = self.latents.shape
+        every_kind = np.ones((1, len(self._cell), 1))
         for covariance in scales.slopes:
             for root in covariance.factor_columns():
                 column = np.stack(root)[:, None]
-                effects.append(np.repeat(column, kinds, axis=1))
-        _, quantities, _ = self.latents.shape
-        of_quantities = np.eye(quantities)[..., None]
-        unit_vectors = np.repeat(of_quantities, kinds, axis=2)
-        return [*unit_vectors[..., None], *effects]
+                effects.append(column * every_kind)
+        of_quantities = np.eye(quantities)[..., None, None] * every_kind
+        return [*of_quantities, *effects]
 
 
 class JointPrecision:
@@ -178,64 +183,69 @@ class JointPrecision:
 
     It is made of blocks (k, k, B, W), their cross terms (k, K + 1, B, W) with the K others and the
     data, and the joint entries (K + 1, K + 1, W) of these, of which the upper ones stay zero.
+
+    Every entry is a fixed combination of the products v'D⁻¹w of two vectors of one kind. One sparse
+    matrix holds these combinations, and no draw walks over units.
     """
 
-    def __init__(
-        self,
-        units: Units,
-        block_size: int,
-        blocks: int,
-    ) -> None:
-        columns = units.columns.tocoo()
+    def __init__(self, units: Units) -> None:
+        block_size, blocks = units.block_shape
         in_blocks = block_size * blocks
+        columns = units.columns.tocoo()
+        numbers = columns.data
         others = columns.shape[1] - in_blocks
-        self._shapes: list[tuple[int, ...]] = [
-            (block_size, block_size, blocks),
-            (block_size, others, blocks),
-            (others, others),
-        ]
-        #: Where blocks, cross terms and joint entries end among all entries.
-        self._ends = np.cumsum([math.prod(shape) for shape in self._shapes])
         unit_count = len(units.kind)
         kinds = len(units.means_of_kind)
         vectors = columns.shape[0] // unit_count
         vector, unit = np.divmod(columns.row, unit_count)
-        column = columns.col * vectors + vector
-        by_column = sparse.csr_array((columns.data, (column, unit)))
+        with_vector = columns.col * vectors + vector
+        by_vector = sparse.csr_array((numbers, (with_vector, unit)))
         kind = units.kind[unit]
-        column_and_kind = column * kinds + kind
-        by_kind = sparse.csr_array((columns.data, (unit, column_and_kind)))
+        with_kind = with_vector * kinds + kind
+        by_kind = sparse.csr_array((numbers, (unit, with_kind)))
         # Summed over units: how often a pair of unknowns has a pair of vectors of a kind.
-        pairs = (by_column @ by_kind).tocoo()
+        pairs = (by_vector @ by_kind).tocoo()
         first, first_vector = np.divmod(pairs.row, vectors)
-        second_column, kind = np.divmod(pairs.col, kinds)
-        second, second_vector = np.divmod(second_column, vectors)
+        second, vector_and_kind = np.divmod(pairs.col, vectors * kinds)
+        second_vector, kind = np.divmod(vector_and_kind, kinds)
         later = np.maximum(first_vector, second_vector)
         earlier = np.minimum(first_vector, second_vector)
         product = later * (later + 1) // 2 + earlier
         row, block = np.divmod(first, blocks)
         column = second // blocks
+        is_other = second >= in_blocks
+        in_block = (first < in_blocks) & ~is_other
+        in_cross = (first < in_blocks) & is_other
+        # A cross term and its mirror, and joint entries below the diagonal, are taken once.
+        in_joint = is_other & (first >= second)
         other_row = first - in_blocks
         other_column = second - in_blocks
-        within = (row * block_size + column) * blocks + block
-        cross = (row * others + other_column) * blocks + block
-        joint = other_row * others + other_column
-        in_block = other_column < 0
-        in_cross = (other_row < 0) & ~in_block
-        entry = self._ends[1] + joint
-        entry[in_cross] = self._ends[0] + cross[in_cross]
-        entry[in_block] = within[in_block]
-        # A cross term and its mirror, and joint entries below the diagonal, are taken once.
-        is_lower = (other_column >= 0) & (first >= second)
-        kept = (other_row < 0) | is_lower
-        product_and_kind = product * kinds + kind
-        at = (entry[kept], product_and_kind[kept])
+        parts = [
+            (in_block, (row, column, block), (block_size, block_size, blocks)),
+            (in_cross, (row, other_column, block), (block_size, others, blocks)),
+            (in_joint, (other_row, other_column), (others, others)),
+        ]
+        self._shapes = [shape for _, _, shape in parts]
+        #: Where blocks, cross terms and joint entries end among all entries.
+        sizes = [math.prod(shape) for shape in self._shapes]
+        self._ends = np.cumsum(sizes)
         products = vectors * (vectors + 1) // 2
-        shape = (self._ends[-1], products * kinds)
+        combinations = []
+        for is_here, place, shape in parts:
+            here = [axis[is_here] for axis in place]
+            entry = np.ravel_multi_index(here, shape)
+            product_and_kind = product[is_here] * kinds + kind[is_here]
+            size = (math.prod(shape), products * kinds)
+            counted = (pairs.data[is_here], (entry, product_and_kind))
+            combinations.append(sparse.csr_array(counted, size))
         #: Numbers by entry, and by product of two vectors and kind.
-        self._combinations = sparse.csr_array((pairs.data[kept], at), shape)
+        self._combinations = sparse.vstack(combinations, format="csr")
 
-    def __call__(self, noise: Block, vectors: list[Array]) -> list[Array]:
+    def __call__(
+        self,
+        noise: Block,
+        vectors: list[Array],
+    ) -> list[Array]:
         """Blocks, cross terms and joint entries."""
         products = []
         for number, vector in enumerate(vectors):

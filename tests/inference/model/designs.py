@@ -10,8 +10,7 @@ import numpy as np
 from percept.inference.model.design import Cells, Factors, Options, design_of
 from percept.inference.model.model import LinearModel
 from percept.inference.model.priors import Priors
-from percept.inference.model.statistics import Resolution, from_trials
-from percept.inference.model.trials import by_subject
+from percept.inference.model.statistics import Resolution, by_subject, from_trials
 from tests.inference.twin import Study, Twin
 
 HAND = {"hand": ("left", "right")}

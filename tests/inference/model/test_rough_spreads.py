@@ -5,7 +5,6 @@ import pytest
 
 from percept.inference.model.limits import Limits
 from percept.inference.model.model import plain_model
-from percept.inference.model.rough import likelihood_of_trials
 from percept.inference.model.statistics import from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
@@ -58,11 +57,11 @@ def explained():
 
 def test_trials_that_covariates_explain_say_nothing_of_their_spread(explained):
     """What is left of one difference and one covariate is rounding, near 1e-17."""
-    rows = explained.statistics.trial_rows
-    assert not rows[..., 1].any()
-    mean, weight = likelihood_of_trials(explained.statistics)
-    assert (weight == 2.0 * np.array([5.0, 0.0, 5.0, 4.0])).all()
-    sd = np.exp(mean[:, [0, 2, 3]])
+    squares = explained.statistics.trial_squares
+    df = np.array([5.0, 0.0, 5.0, 4.0])
+    assert not squares[:, 1].any()
+    assert (explained.coordinates.trial.weight == 2.0 * df).all()
+    sd = np.sqrt(squares[:, df > 0.0] / df[df > 0.0])
     assert ((sd > 0.02) & (sd < 0.5)).all()
 
 
