@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from percept.inference.model.design import Cells, Factors, design_of
 from percept.inference.model.model import LinearModel
 from percept.inference.model.priors import Priors
-from percept.inference.model.statistics import by_subject, from_trials
+from percept.inference.model.statistics import from_trials
+from percept.inference.model.trials import by_subject
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -15,7 +15,8 @@ from percept.inference.model.design import Cells, Options, design_of, shows_subj
 from percept.inference.model.design import Factors as CellFactors
 from percept.inference.model.model import LinearModel
 from percept.inference.model.priors import Priors
-from percept.inference.model.statistics import Statistics, by_subject
+from percept.inference.model.statistics import Statistics
+from percept.inference.model.trials import by_subject
 from percept.results import Skipped
 from percept.scene import Scene
 from percept.sessions.options import TRIAL_REFERENCE

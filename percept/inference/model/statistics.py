@@ -163,14 +163,14 @@ def from_trials(
             f"one subject ({', '.join(subjects)}) shows no spread between subjects.",
             hint="Add the sessions of at least one more subject.",
         )
-    counts, first, group = _counts(subject, cell, len(environments))
+    counts, first, group = counts_of(subject, cell, len(environments))
     means = group_means(response, group)
     by_cell = np.full((*counts.shape, len(parameters)), np.nan)
     by_cell[subject[first], cell[first]] = means
     cell_means = np.ascontiguousarray(by_cell.swapaxes(1, 2))
     sd, df = _sd_between(cell_means)
     _, pattern = np.unique(counts, axis=0, return_inverse=True)
-    triangles = _triangles(response - means[group], cell, len(environments))
+    triangles = triangles_of(response - means[group], cell, len(environments))
     repeats = np.maximum(counts - 1.0, 0.0)
     scatter = _pooled_scatter(triangles, repeats.sum(axis=0))
     return Statistics(
@@ -178,7 +178,7 @@ def from_trials(
         environments=environments,
         subjects=subjects,
         x=np.asarray(x, dtype=float),
-        patterns=_patterns(counts, cell_means, pattern.ravel()),
+        patterns=patterns_of(counts, cell_means, pattern.ravel()),
         scatter=scatter,
         group=np.tile(scatter.cell, (len(subjects), 1)),
         trial_df=scatter.df,
@@ -187,48 +187,6 @@ def from_trials(
         df=df,
         cell_means=cell_means,
     )
-
-
-def by_subject(
-    statistics: Statistics,
-    trials: tuple[Array, Indices, Indices],
-    *,
-    own_trial_sds: bool,
-    covariates: tuple[str, ...] = (),
-    values: Array | None = None,
-) -> Statistics:
-    """Make every subject a pattern, for trial SDs of their own or for covariates.
-
-    Parameters
-    ----------
-    statistics : Statistics
-        Of the same trials.
-    trials : tuple of ndarray
-        Responses (trials, P), and the subject and the cell of each trial, (trials,).
-    own_trial_sds : bool
-        Whether each subject has trial SDs of its own.
-    covariates : tuple of str
-        Names of the covariates.
-    values : ndarray, optional
-        Covariates of every trial, centred, shape (trials, M). Those that vary within subjects are
-        centred within them: slopes of their own then leave the subjects' effects alone.
-
-    Returns
-    -------
-    Statistics
-        Its scatter between trials is less what the covariates explain.
-    """
-    _, subject, cell = trials
-    counts, first, _ = _counts(subject, cell, len(statistics.environments))
-    patterns = _patterns(counts, statistics.cell_means, np.arange(len(counts)))
-    apart = dataclasses.replace(statistics, patterns=patterns)
-    if own_trial_sds:
-        group = np.zeros_like(statistics.group)
-        group[subject[first], cell[first]] = np.arange(len(first))
-        apart = dataclasses.replace(apart, scatter=trial_scatter(*trials), group=group)
-    if values is None:
-        return apart
-    return _with_covariates(apart, trials, covariates, values)
 
 
 def from_summary(
@@ -292,15 +250,15 @@ def trial_scatter(
     -------
     TrialScatter
     """
-    _, first, group = _counts(subject, cell, cell.max() + 1)
+    _, first, group = counts_of(subject, cell, cell.max() + 1)
     departures = response - group_means(response, group)[group]
-    rows = _triangles(departures, group, len(first))
+    rows = triangles_of(departures, group, len(first))
     df = np.bincount(group).astype(float) - 1.0
     scatter = _pooled_scatter(rows, df)
     return dataclasses.replace(scatter, cell=cell[first], subject=subject[first])
 
 
-def _counts(
+def counts_of(
     subject: Indices,
     cell: Indices,
     cells: int,
@@ -336,7 +294,7 @@ def triangle(rows: Array) -> Array:
     return np.pad(factor, ((0, size - len(factor)), (0, 0)))
 
 
-def _triangles(
+def triangles_of(
     rows: Array,
     group: Indices,
     groups: int,
@@ -357,7 +315,7 @@ def _pooled_scatter(triangles: Array, df: Array) -> TrialScatter:
     )
 
 
-def _patterns(
+def patterns_of(
     counts: Array,
     cell_means: Array,
     pattern: Indices,
@@ -401,84 +359,3 @@ def _sd_between(cell_means: Array) -> tuple[Array, Array]:
     squares = np.square(about_mean).sum(axis=0)
     sd = np.sqrt(squares / np.maximum(n - 1, 1))
     return sd, np.maximum(n - 1.0, 0.0)
-
-
-def _with_covariates(
-    statistics: Statistics,
-    trials: tuple[Array, Indices, Indices],
-    names: tuple[str, ...],
-    values: Array,
-) -> Statistics:
-    """Join covariates (trials, M) to statistics in which every subject is a pattern."""
-    response, subject, cell = trials
-    cells = len(statistics.environments)
-    _, first, group = _counts(subject, cell, cells)
-    varies = _varies(values, subject)
-    values = np.where(varies, values - group_means(values, subject)[subject], values)
-    means = np.zeros((len(names), len(statistics.subjects), cells))
-    means[:, subject[first], cell[first]] = group_means(values, group).T
-    # Of these covariates trials depart from the mean of their cell.
-    varies_in_cell = _varies(values, group)
-    varying = int(varies_in_cell.sum())
-    numbers = np.hstack([values[:, varies_in_cell], response])
-    departures = numbers - group_means(numbers, group)[group]
-    triangles = _triangles(departures, group, len(first))
-    rows = triangles[:, :varying].reshape(-1, departures.shape[1])
-    informed = rows.any(axis=1)
-    row_values = np.zeros((len(names), len(rows)))
-    row_values[varies_in_cell] = rows[:, :varying].T
-    of_covariates = Covariates(
-        names=names,
-        within=tuple(name for name, is_within in zip(names, varies, strict=True) if is_within),
-        mean=means,
-        row_subject=np.repeat(subject[first], varying)[informed],
-        row_cell=np.repeat(cell[first], varying)[informed],
-        row_values=row_values[:, informed],
-        row_responses=rows[informed, varying:].T,
-    )
-    unexplained = triangles[:, varying:, varying:]
-    quantities = response.shape[1]
-    if statistics.scatter.subject is None:
-        by_cell = np.repeat(cell[first], quantities)
-        unexplained = _triangles(unexplained.reshape(-1, quantities), by_cell, cells)
-    of_responses = departures[:, varying:]
-    about_slopes = _about_own_slopes(departures[:, :varying], of_responses, subject, cell)
-    by_quantity = np.square(about_slopes).T
-    squares = [np.bincount(cell, weights=column) for column in by_quantity]
-    rows = unexplained.transpose(2, 1, 0)
-    scatter = dataclasses.replace(statistics.scatter, rows=rows)
-    # As many slopes as degrees of freedom leave rounding alone.
-    informed_cells = statistics.trial_df > varying
-    return dataclasses.replace(
-        statistics,
-        scatter=scatter,
-        trial_squares=np.where(informed_cells, squares, 0.0),
-        covariates=of_covariates,
-    )
-
-
-def _about_own_slopes(
-    values: Array,
-    responses: Array,
-    subject: Indices,
-    cell: Indices,
-) -> Array:
-    """Departures of responses (trials, P) less what slopes of each subject explain of them."""
-    unexplained = np.zeros_like(responses)
-    for i in np.unique(subject):
-        is_subject = subject == i
-        df = is_subject.sum() - len(np.unique(cell[is_subject]))
-        # As many covariates as degrees of freedom explain all scatter: the rest is rounding.
-        if df > values.shape[1]:
-            of_subject = responses[is_subject]
-            columns = values[is_subject]
-            slopes, *_ = np.linalg.lstsq(columns, of_subject, rcond=None)
-            unexplained[is_subject] = of_subject - columns @ slopes
-    return unexplained
-
-
-def _varies(values: Array, group: Indices) -> NDArray[np.bool_]:
-    """Whether a column of values (trials, M) varies within a group of trials, (M,)."""
-    _, first, number = np.unique(group, return_index=True, return_inverse=True)
-    of_first = values[first][number]
-    return np.asarray((values != of_first).any(axis=0))

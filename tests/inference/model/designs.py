@@ -10,7 +10,8 @@ import numpy as np
 from percept.inference.model.design import Cells, Factors, Options, design_of
 from percept.inference.model.model import LinearModel
 from percept.inference.model.priors import Priors
-from percept.inference.model.statistics import Resolution, by_subject, from_trials
+from percept.inference.model.statistics import Resolution, from_trials
+from percept.inference.model.trials import by_subject
 from tests.inference.twin import Study, Twin
 
 HAND = {"hand": ("left", "right")}
