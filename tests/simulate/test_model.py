@@ -89,6 +89,24 @@ def test_default_priors(
         assert abs(np.corrcoef(sample.T)[0, 1]) < 4 / math.sqrt(DRAWS)
 
 
+def test_environments_depart_from_their_trends_each_by_itself() -> None:
+    references = np.geomspace(1.0, 1e4, 1000)
+    design = Design.balanced(np.stack([references, references]).T, subjects=2, trials=1)
+    values = draw_environments(hyperparameters(), design, np.random.default_rng(12))
+    hyper = values.hyper
+    log_sigma = np.log(hyper.s) + hyper.kappa * design.decades
+    log_sigma_e = np.log(hyper.s_e) + hyper.kappa_e * design.decades
+    departures = [
+        values.delta / hyper.tau,
+        (np.log(values.sigma) - log_sigma) / hyper.omega,
+        (np.log(values.sigma_e) - log_sigma_e) / hyper.omega_e,
+    ]
+    for departure in departures:
+        assert uniform(departure, stats.norm()) > UNLIKELY
+    correlation = np.corrcoef(np.hstack(departures).T)
+    assert np.abs(correlation - np.eye(6)).max() < 4.5 / math.sqrt(len(references))
+
+
 def test_moments_of_the_responses() -> None:
     """Cell means have covariance Σ_u + x x'Σ_g + Σ_w + Σ_e/r, scatter Σ_e within, and Σ_u with the
     trends' part in common."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from percept import Scene, Study, read_sessions
 from percept.report.boundaries import boundaries
 from percept.sessions import Sessions
-from percept.study.band import (
-    Banded,
-)
+from percept.study.band import Banded, posterior_replicates
 from tests import DATASETS
 
 
@@ -22,6 +21,18 @@ def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> 
         k, b = (fitted.data.reference[p, row.environment] for p in ("k", "b"))
         assert row.impedance == pytest.approx(abs(b + k / (1j * band.omega)), rel=1e-12)
         assert row.relative == pytest.approx(row.band / row.impedance, rel=1e-12)
+
+
+def test_bands_of_posterior_draws_hold_the_central_users(fitted: Study) -> None:
+    """Of 99 %, on the logarithm: 2.58 SDs of users to either side, in the median over draws."""
+    fit = fitted.fit
+    assert fit is not None
+    limits = posterior_replicates(fit, fitted.data.asked)["bayesian", "lognormal"]
+    for cell, number in fit.column.items():
+        lower, upper = limits[cell]
+        sd = np.median(fit.moments.population_sd[:, number])
+        half_width = 0.5 * np.median(np.log(upper / lower))
+        assert half_width == pytest.approx(stats.norm.isf(0.005) * sd, rel=0.05)
 
 
 def test_a_zero_in_every_environment_leaves_the_normal_family_s_laws() -> None:
