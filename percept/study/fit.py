@@ -46,8 +46,7 @@ class Fit(Prepared):
     @cached_property
     def points(self) -> Array:
         """Coordinates thinned to the effective size, ensemble after ensemble, shape (S, d)."""
-        kept = self.run.independent()
-        return kept.reshape(-1, kept.shape[-1])
+        return self.run.independent()
 
     @cached_property
     def every_point(self) -> Array:

@@ -81,7 +81,7 @@ def place_study(
     fitted = fit_study(plan, index, change)
     if not fitted.run.gate.passed:
         raise RefusalError(" ".join(fitted.run.gate.reasons))
-    points = np.concatenate(fitted.run.independent())
+    points = fitted.run.independent()
     chosen = points[fitted.rng.choice(len(points), size=plan.draws, replace=False)]
     found = {}
     for name, (_, values) in fitted.model.scales(chosen).items():

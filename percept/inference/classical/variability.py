@@ -197,12 +197,10 @@ def icc_one_way(squares: MeanSquares, *, level: float) -> Bounded:
     f = squares.ratio
     at_lower, at_upper = f_limits(squares.n - 1.0, squares.error_df, level)
 
-    def correlation_at(ratio: float) -> float:
-        return 1.0 if math.isinf(ratio) else (ratio - 1.0) / (ratio + squares.k - 1.0)
-
-    lower = correlation_at(f / at_lower)
-    upper = correlation_at(f / at_upper)
-    return Bounded(correlation_at(f), lower, upper)
+    ratios = np.array([f, f / at_lower, f / at_upper])
+    with np.errstate(invalid="ignore"):
+        correlations = np.where(np.isinf(ratios), 1.0, (ratios - 1.0) / (ratios + squares.k - 1.0))
+    return Bounded(*correlations.tolist())
 
 
 def component_sd(squares: MeanSquares, *, level: float) -> Bounded:
@@ -229,13 +227,10 @@ def component_sd(squares: MeanSquares, *, level: float) -> Bounded:
     total = df * squares.subjects / squares.k
     noise = df * squares.error / squares.k
 
-    def root(square: float) -> float:
-        return math.sqrt(max(square, 0.0))
-
     estimate = (total - noise) / df
     lower = (total - noise * at_lower) / high
     upper = (total - noise * at_upper) / low
-    return Bounded(root(estimate), root(lower), root(upper))
+    return Bounded(*np.sqrt(np.maximum([estimate, lower, upper], 0.0)).tolist())
 
 
 def correlation(pairs: Array, *, level: float) -> Bounded:

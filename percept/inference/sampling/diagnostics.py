@@ -15,8 +15,6 @@ Array = NDArray[np.float64]
 
 #: Sokal's window, in autocorrelation times.
 _WINDOW = 5.0
-#: Walkers per ensemble that are kept, even if their values are more than was asked.
-_FEWEST_KEPT = 8
 
 
 def autocorrelation_time(series: Array) -> Array:
@@ -137,10 +135,3 @@ def normal_scores(values: Array) -> Array:
         score = special.ndtri(share)
         scores[:, q] = score[place]
     return scores.reshape(values.shape)
-
-
-def thin_walkers(series: Array, most: int) -> Array:
-    """Thin walkers evenly, to about `most` values of a quantity and at least eight walkers."""
-    ensembles, length, walkers, _ = series.shape
-    kept = max(_FEWEST_KEPT, most // (ensembles * length))
-    return series[:, :, :: math.ceil(walkers / kept)]

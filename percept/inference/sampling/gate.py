@@ -18,19 +18,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.errors import UsageError
 from percept.inference.sampling.diagnostics import (
     autocorrelation_time,
     monte_carlo_error,
     normal_scores,
     split_rhat,
-    thin_walkers,
 )
 
 Array = NDArray[np.float64]
 
-#: Fewest walkers of an ensemble. Autocorrelations are averaged over them: see `_TIMES_NEEDED`.
-_FEWEST_WALKERS = 64
 #: Autocorrelation times a run must span. With 4 ensembles of 64 walkers the estimated time of an
 #: autoregressive series is then 5 % too low, give or take 5 %.
 _TIMES_NEEDED = 10.0
@@ -52,6 +48,8 @@ _STUCK = 0.005
 _BATCHES = 8
 #: Values whose ranks are compared: chance alone then leaves R-hat within 0.001 of one.
 _RANKED = 1 << 14
+#: Walkers per ensemble that are kept, even if their values are more than that.
+_FEWEST_KEPT = 8
 #: Normal score beyond which a draw lies in a tail: a twentieth of the draws at either end.
 _TAIL = 1.645
 
@@ -95,24 +93,11 @@ class Settings:
 
     tolerance: float = 0.01  # Monte Carlo error of each limit over the interval's half-width
     seed: int = 1  # Seed of the whole run
-    ensembles: int = 4  # Independent ensembles, at least 4
-    walkers: int | None = None  # Walkers per ensemble
+    #: Walkers per ensemble, at least 64: see `_TIMES_NEEDED`. Not given, they double at a restart.
+    walkers: int | None = None
     #: Steps per ensemble since the last restart, after which the run ends, whatever its error. It
     #: always takes its burn-in and one round, and it completes its last stride.
     most_steps: int = 20_000
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.tolerance < 1.0:
-            raise UsageError("must lie in (0, 1).", key="tolerance", value=self.tolerance)
-        if self.ensembles < 4:
-            raise UsageError("must be at least 4.", key="ensembles", value=self.ensembles)
-        if self.seed < 0:
-            raise UsageError("must be zero or positive.", key="seed", value=self.seed)
-        if self.most_steps < 1:
-            raise UsageError("must be at least 1.", key="most_steps", value=self.most_steps)
-        if self.walkers is not None and self.walkers < _FEWEST_WALKERS:
-            problem = f"must be at least {_FEWEST_WALKERS}."
-            raise UsageError(problem, key="walkers", value=self.walkers)
 
 
 @dataclass(frozen=True)
@@ -179,9 +164,9 @@ class Run:
         return np.arange(gap - 1, length, gap)
 
     def independent(self) -> Array:
-        """Return kept positions thinned to the effective size, (E, N, d), steps before walkers."""
+        """Return kept positions thinned to the effective size, (S, d), ensemble after ensemble."""
         thinned = self.points[:, self._independent_positions()]
-        return thinned.reshape(len(thinned), -1, thinned.shape[-1])
+        return thinned.reshape(-1, thinned.shape[-1])
 
     def batches(self, *, every: bool = False) -> NDArray[np.intp]:
         """Return the batch of each of the `independent` positions, or of every one that is kept.
@@ -215,16 +200,17 @@ def measure(estimands: Estimands, components: Array) -> Measured:
 def _mixing(series: Array) -> tuple[Array, Array]:
     """Measure autocorrelation times and R-hat (Q,) of the ranks of values (E, T, W, Q).
 
-    Walkers are left out (`thin_walkers`) where there are more than a time or a rank needs.
+    Walkers are left out evenly where there are more than a time or a rank needs.
     """
+    ensembles, length, walkers, count = series.shape
+    kept = max(_FEWEST_KEPT, _RANKED // (ensembles * length))
     # Ranks, because with a heavy tail a few extreme draws would dominate the time and hide slower
     # parts.
-    scores = normal_scores(thin_walkers(series, _RANKED))
+    scores = normal_scores(series[:, :, :: math.ceil(walkers / kept)])
     tail = (np.abs(scores) > _TAIL).astype(float)
     times = np.maximum(autocorrelation_time(scores), autocorrelation_time(tail))
     # R-hat at about every independent position, but at no fewer than can be compared. The time of
     # values that never move is NaN, which fmin passes over.
-    ensembles, length, _, count = scores.shape
     longest = np.fmin(times.max(), length / _FEWEST_COMPARED)
     gap = max(1, round(float(longest)))
     ranked = scores[:, ::gap].reshape(ensembles, -1, count)

@@ -58,6 +58,8 @@ _MOST_RESTARTS = 2
 #: With 5 the published study takes 460,000 density values at one seed of three, and 200,000 with
 #: this; studies with more coordinates take as many.
 _LONG = 3.0
+#: Independent ensembles, whose agreement the gate measures.
+_ENSEMBLES = 4
 #: Walkers of an ensemble: the gate's fewest, over whom it averages autocorrelations.
 _WALKERS = 64
 #: Steps between kept positions. Keeping and judging a position takes as long as a few steps. At a
@@ -319,7 +321,7 @@ def sample(
     # Two seeds to begin with, and two for each restart.
     seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_RESTARTS)
     walkers = settings.walkers or _WALKERS
-    transported, points = warm_up(target, (settings.ensembles, walkers), seeds[0])
+    transported, points = warm_up(target, (_ENSEMBLES, walkers), seeds[0])
     chain = Chain(task, transported, points, seeds[1], _STRIDE)
     restarts = 0
     while True:
@@ -338,7 +340,7 @@ def sample(
         rng = np.random.default_rng(seeds[2 * restarts])
         flat = run.points.reshape(-1, run.points.shape[-1])
         transported = Transported(target, Transport.fit(flat))
-        points = starting_points(transported, rng, (settings.ensembles, walkers))
+        points = starting_points(transported, rng, (_ENSEMBLES, walkers))
         chain = Chain(task, transported, points, seeds[2 * restarts + 1], _RESTART_STRIDE)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError
 from percept.inference.sampling.diagnostics import split_rhat
 from percept.inference.sampling.gate import (
     Measured,
@@ -119,11 +119,6 @@ def test_a_run_that_mixes_ends_at_its_cap_with_the_error_it_reached():
         " x[0]), and 0.001 % was requested. A larger most_steps (now 300) lowers it."
     )
     assert abs(run.estimates.value[0]) < 4 * run.estimates.errors[0]
-
-
-def test_a_negative_seed_is_refused():
-    with pytest.raises(UsageError, match="must be zero or positive"):
-        Settings(seed=-1)
 
 
 @pytest.mark.parametrize("beyond", [-np.inf, 0.5, 2.0])

@@ -5,9 +5,7 @@ import pytest
 from mpmath import mp
 from scipy import integrate, optimize, special, stats
 
-from percept.errors import UsageError
 from percept.inference.sampling.endpoints import mixture_quantile, share_content, share_half_width
-from percept.inference.sampling.gate import Settings
 
 MIXTURES = {
     "alike": lambda rng: (0.1 * rng.normal(size=40), np.exp(0.2 * rng.normal(size=40))),
@@ -138,12 +136,3 @@ def test_share_influence_is_the_derivative_in_a_draw_s_weight():
         return np.array([centre[0] - h, centre[0] + h])
 
     assert_derivatives(influence, limits)
-
-
-def test_settings_refuse_what_makes_no_sense():
-    with pytest.raises(UsageError, match=r"tolerance = 0: must lie in \(0, 1\)"):
-        Settings(tolerance=0)
-    with pytest.raises(UsageError, match=r"ensembles = 3: must be at least 4"):
-        Settings(ensembles=3)
-    with pytest.raises(UsageError, match=r"walkers = 63: must be at least 64"):
-        Settings(walkers=63)
