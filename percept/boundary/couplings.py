@@ -90,7 +90,12 @@ class CouplingJudge:
         inside &= _stays_in(damping, self._boxes.damping, draws)
         (rows,) = np.nonzero(inside.any(axis=1))
         (columns,) = np.nonzero(inside.any(axis=0))
-        self._work_out(columns[~self._ranged[columns]])
+        new = columns[~self._ranged[columns]]
+        if new.size:
+            found = magnitude_ranges(self._users.select(new), self._plane, self._central)
+            self._ranges.low[new] = found.low
+            self._ranges.high[new] = found.high
+            self._ranged[new] = True
         kept = inside[np.ix_(rows, columns)]
         looked_at = np.ix_(self._looked_at, rows)
         shown_points = Point(stiffness[looked_at], damping[looked_at])
@@ -112,15 +117,6 @@ class CouplingJudge:
         self._plane = self._plane.select(decides)
         self._ranges = Range(self._ranges.low[:, decides], self._ranges.high[:, decides])
         self._decides = decides[decides]
-
-    def _work_out(self, draws: Indices) -> None:
-        """Work out the ranges of abs(Z_h) of some draws."""
-        if draws.size:
-            some = self._users.select(draws)
-            found = magnitude_ranges(some, self._plane, self._central)
-            self._ranges.low[draws] = found.low
-            self._ranges.high[draws] = found.high
-            self._ranged[draws] = True
 
 
 def _stays_in(shown: Array, limits: Range, draws: int) -> Flags:

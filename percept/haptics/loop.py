@@ -25,7 +25,6 @@ __all__ = [
     "Warp",
     "covers_range",
     "log_grid",
-    "omega_of_rate",
     "search_grid",
 ]
 
@@ -270,12 +269,6 @@ class Warp:
         return Lag(sin, np.cos(turn), ratio(sin, self.sin, empty=2 * delay))
 
 
-def omega_of_rate(rate: ArrayLike, period: float) -> FloatArray:
-    """Return the ω, rad/s, at which Tustin's Ω is a given rate, rad/s."""
-    half = np.arctan(np.multiply(rate, period / 2))
-    return np.asarray((2 / period) * half)
-
-
 def covers_range(loop: Loop) -> bool:
     """Say whether a device is known from DC to Nyquist.
 
@@ -348,7 +341,9 @@ def _around(mode: Mode, period: float) -> FloatArray:
     """Return ω, rad/s, about the resonance of a mode."""
     width = mode.damping / mode.mass + _NARROWEST * mode.resonance
     rates = mode.resonance + width * np.concatenate([-_OFFSETS, [0.0], _OFFSETS])
-    return omega_of_rate(np.maximum(rates, 0.0), period)
+    # At these Ω of Tustin's method.
+    half = np.arctan(np.maximum(rates, 0.0) * (period / 2))
+    return np.asarray((2 / period) * half)
 
 
 def log_grid(within: tuple[float, float], per_decade: int, near: FloatArray) -> FloatArray:

@@ -127,7 +127,6 @@ class BoundaryDrawing:
         self,
         omega: Array | None,
         environments: Collection[str],
-        kinds: Collection[str],
         joints: Collection[str] = JOINTS,
     ) -> tuple[Boundary, ...]:
         """Draw boundaries at frequencies (M,), rad/s, or on the environments' own grids."""
@@ -137,12 +136,10 @@ class BoundaryDrawing:
                 self._own_frame(environment) if omega is None else self._frame(environment, omega)
             )
             for region in self._regions:
-                chosen = region.kind in kinds and region.joint in joints
-                if region.environment == environment and chosen:
+                if region.environment == environment and region.joint in joints:
                     boundaries += self._around(region, frame)
             for law in self._laws:
-                chosen = law.kind in kinds and "joint" in joints
-                if law.environment == environment and chosen:
+                if law.environment == environment and "joint" in joints:
                     boundaries += self._of_law(law, frame)
         return tuple(boundaries)
 

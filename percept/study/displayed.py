@@ -149,13 +149,11 @@ class Displayed(Inferred):
         omega: ArrayLike | None,
         environments: Collection[str] | None = None,
         *,
-        kinds: Collection[str] | None = None,
         joints: Collection[str] | None = None,
     ) -> tuple[Boundary, ...]:
         """Boundaries at frequencies, rad/s, or on grids of their own; of all, or of those named."""
         grid = None if omega is None else increasing(omega)
         environments = select("environment", environments, self.with_reference)
-        kinds = select("kind", kinds, self.data.asked.kinds)
         joints = select("joint treatment", joints, JOINTS)
         setup = self.setup
         if setup is None or self._drawing is None:
@@ -164,7 +162,7 @@ class Displayed(Inferred):
         if not set(environments) <= set(self._shown):
             laws = self._laws_of(environments)
             drawing = self._drawing_of(setup, self._regions_of(laws), laws)
-        return drawing.at(grid, environments, kinds, joints)
+        return drawing.at(grid, environments, joints)
 
     @property
     def curves(self) -> pd.DataFrame:

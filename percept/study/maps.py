@@ -175,10 +175,11 @@ class _Map:
             self.draws = min(draws, self.users.size)
             self.probability = self._probabilities(self._stiffness, self._damping)
             ends = {end: self._confirmed_end(end) for end in _ENDS}
+            highest = float(self.probability.max())
             outcome: Literal["some", "none", "undecided"] = "undecided"
             if None not in ends.values():
                 outcome = "some"
-            elif self._surely_none():
+            elif highest + _ERRORS * share_error(highest, self.draws) < self._decision:
                 outcome = "none"
             if outcome != "undecided":
                 break
@@ -213,11 +214,6 @@ class _Map:
             couplings = Coupling(flat[maybe], damping_of_each[maybe])
             stable[maybe] *= self.couplings.probabilities(couplings, self.draws)
         return stable.reshape(stiffness.shape)
-
-    def _surely_none(self) -> bool:
-        """Whether two errors above every probability no coupling reaches the decision."""
-        highest = float(self.probability.max(initial=0.0))
-        return highest + _ERRORS * share_error(highest, self.draws) < self._decision
 
     def _confirmed_end(self, end: End) -> ConfirmedCoupling | None:
         """Return the stiffest or the softest coupling that surely reaches the decision."""

@@ -64,8 +64,8 @@ def test_simultaneous_bands_contain_the_pointwise_ones(fitted: Study) -> None:
 
 
 def test_a_band_is_calibrated_over_its_grid_wherever_it_is_asked_for(fitted: Study) -> None:
-    for read in fitted.boundaries_at([10.0], ("VE3",), kinds=("user",), joints=("joint",)):
-        if read.shape == "simultaneous":
+    for read in fitted.boundaries_at([10.0], ("VE3",), joints=("joint",)):
+        if read.shape == "simultaneous" and read.kind == "user":
             whole = bands(fitted, "simultaneous")["VE3", "user", read.method, read.family]
             assert read.pointwise_level == whole.pointwise_level
             at = np.log(10.0), np.log(whole.omega)
@@ -124,11 +124,6 @@ def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
             [1.0],
             {"environments": "VE9"},
             r"value .VE9.: the study has no such environment; there are VE1, VE2",
-        ),
-        (
-            [1.0],
-            {"kinds": ("foo",)},
-            r"value .foo.: the study has no such kind; there are mean, user, share",
         ),
         (
             [1.0],

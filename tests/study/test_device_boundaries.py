@@ -36,7 +36,7 @@ def curves(drawn: BoundaryDrawing) -> dict[tuple[str, ...], Boundary]:
     """Curves of the laws in two environments."""
     return {
         (one.environment, one.kind, one.method, one.family, one.shape): one
-        for one in drawn.at(None, ("VE1", "VE3"), ("mean", "user"), ("joint",))
+        for one in drawn.at(None, ("VE1", "VE3"), ("joint",))
     }
 
 
