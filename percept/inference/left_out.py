@@ -16,13 +16,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.model.blocks import Block
-from percept.inference.model.gaussian import SubjectCovariance
 from percept.inference.model.model import LinearModel
 from percept.inference.model.predictions import SubjectLaws, subject_laws
 from percept.inference.model.statistics import trial_scatter
@@ -36,16 +34,14 @@ _BATCH = 1 << 20
 #: Draws times cells of subjects that leaving out rests on, at most; and draws that weights need.
 _MOST_NUMBERS = 1 << 20
 _FEWEST_DRAWS = 500
-#: Smallest eigenvalue of K, which is 1 - 1/N or so, that is not rounding.
-_LEAST_EIGENVALUE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
     """Predictions of N subjects, each from the others' data, at W sets of scales.
 
-    All are NaN at scales where the scatter is below some 1e-7 of the locations' prior: a subject's
-    information on a location then rounds to all there is.
+    All are NaN where the scatter of one of the sets is below some 1e-7 of the locations' prior: a
+    subject's information on a location then rounds to all there is.
     """
 
     log_density: Array  # (W, N) Of the subject's trials, on the response scale
@@ -114,7 +110,7 @@ class SubjectDensity:
 
     def left_out(self, laws: SubjectLaws) -> LeftOut:
         """Predict each subject's data from W sets of scales and the other subjects' data."""
-        width = laws.mean.shape[-1]
+        *by_cell, width = laws.mean.shape
         predicted = LeftOut(
             log_density=np.empty((width, self.subjects)),
             distance=np.empty((width, self.subjects)),
@@ -123,30 +119,43 @@ class SubjectDensity:
             location_sd=np.empty((width, *self._means.shape)),
             covariance=np.empty((width, self.subjects, self.environments)),
         )
-        patterns = self.density.statistics.patterns
-        for g, pattern in enumerate(patterns):
+        flat = laws.columns.reshape(len(laws.columns), -1, width).transpose(2, 0, 1)
+        for g, pattern in enumerate(self.density.statistics.patterns):
             members = pattern.members
             present = pattern.environments
+            covariance = laws.covariances[g]
             means = self._means[members]
             residual = means[..., present, None] - laws.mean[:, present]
-            given = _leave_out(residual, laws.columns, present, laws.covariances[g])
+            whitened = covariance.whiten(residual).T
+            columns = covariance.whiten(laws.columns[:, :, present]).T
+            transposed = columns.transpose(0, 2, 1)
+            factor = _factor(np.eye(len(laws.columns)) - transposed @ columns)
+            right = np.concatenate([transposed @ whitened, flat], axis=2)
+            solved = np.linalg.solve(factor, right)
+            shift = solved[..., : len(members)]
+            root = solved[..., len(members) :]
+            distance = _squares(whitened) + _squares(shift)
+            diagonal = np.diagonal(factor, axis1=1, axis2=2)
+            log_determinant = covariance.log_determinant - 2.0 * np.log(diagonal).sum(axis=1)
+            predicted.log_density[:, members] = -0.5 * (log_determinant[:, None] + distance)
+            predicted.distance[:, members] = distance
+            learned = (shift.transpose(0, 2, 1) @ root).reshape(width, len(members), *by_cell)
+            location = laws.mean.transpose(2, 0, 1)[:, None] - learned
+            predicted.location[:, members] = location
+            given = _squares(root).reshape(-1, *by_cell)
+            predicted.location_sd[:, members] = np.sqrt(given)[:, None]
+            first = root[..., : self.environments]
+            last = root[..., -self.environments :]
+            predicted.covariance[:, members] = (first * last).sum(axis=1)[:, None]
             # Of two parameters the first and the last entry are variances.
             noise = np.stack(laws.noise[g].entries()[:: self.parameters])
             shared = np.square(laws.effects[:, :, present]).sum(axis=0)
-            variances = noise + shared  # (P, E, W) About the locations
-            location = laws.mean.transpose(2, 0, 1)[:, None] - given.learned
-            predicted.log_density[:, members] = given.log_density
-            predicted.distance[:, members] = given.distance
-            predicted.location[:, members] = location
-            predicted.location_sd[:, members] = np.sqrt(given.variance)[:, None]
-            predicted.covariance[:, members] = given.covariance[:, None]
+            variance = (noise + shared).transpose(2, 0, 1) + given[..., present]
             difference = means[:, :, present] - location[..., present]
-            variance = variances.transpose(2, 0, 1) + given.variance[..., present]
             standard = difference / np.sqrt(variance)[:, None]
             # numpy puts the axes of two lists of indices first.
             rows = members[:, None]
-            by_cell = standard.transpose(1, 3, 0, 2)
-            predicted.standard[:, rows, :, present] = by_cell
+            predicted.standard[:, rows, :, present] = standard.transpose(1, 3, 0, 2)
         trials = self._between_trials(laws.trial) - 0.5 * _LOG_2PI * self.degrees
         predicted.log_density[...] += trials
         return predicted
@@ -165,64 +174,14 @@ class SubjectDensity:
         return -0.5 * (minus_twice.T @ self._of_subject)
 
 
-class _Given(NamedTuple):
-    """Predictions of I subjects of one pattern from the others' data, at W sets of scales."""
-
-    log_density: Array  # (W, I)
-    distance: Array  # (W, I) Squared
-    learned: Array  # (W, I, P, J) What each subject adds to the mean of every location
-    variance: Array  # (W, P, J) Of every location
-    covariance: Array  # (W, J) Between the locations of the first and the last quantity
-
-
-def _leave_out(
-    residual: Array,
-    columns: Array,
-    present: Indices,
-    covariance: SubjectCovariance,
-) -> _Given:
-    """Leave out I subjects of one pattern: `residual` (I, P, E, W) is r, `columns` (R, P, J, W) B.
-
-    The E environments of the pattern are `present` among the J.
-    """
-    whitened = covariance.whiten(residual).T
-    g = covariance.whiten(columns[:, :, present]).T
-    transposed = g.transpose(0, 2, 1)
-    latents = len(columns)
-    factor = _factor(np.eye(latents) - transposed @ g)
-    flat = columns.reshape(latents, -1, columns.shape[-1])
-    flat = flat.transpose(2, 0, 1)
-    right = np.concatenate([transposed @ whitened, flat], axis=2)
-    solved = np.linalg.solve(factor, right)
-    shift = solved[..., : len(residual)]
-    root = solved[..., len(residual) :]
-    distance = _squares(whitened) + _squares(shift)
-    diagonal = np.diagonal(factor, axis1=1, axis2=2)
-    log_diagonal = np.log(diagonal).sum(axis=1)
-    log_determinant = covariance.log_determinant - 2.0 * log_diagonal
-    shape = columns.shape[1:3]
-    learned = shift.transpose(0, 2, 1) @ root
-    return _Given(
-        log_density=-0.5 * (log_determinant[:, None] + distance),
-        distance=distance,
-        learned=learned.reshape(*learned.shape[:2], *shape),
-        variance=_squares(root).reshape(-1, *shape),
-        covariance=(root[..., : shape[1]] * root[..., -shape[1] :]).sum(axis=1),
-    )
-
-
 def _squares(columns: Array) -> Array:
     """Sum squares over the second axis."""
     return np.square(columns).sum(axis=1)
 
 
 def _factor(matrices: Array) -> Array:
-    """Lower factors of matrices (W, R, R), NaN where a matrix is singular but for rounding."""
+    """Lower factors of matrices (W, R, R); NaN where rounding leaves one of them singular."""
     try:
         return np.asarray(np.linalg.cholesky(matrices))
     except np.linalg.LinAlgError:
-        # numpy refuses the whole stack if one matrix has no factor.
-        factor = np.full_like(matrices, np.nan)
-        regular = np.linalg.eigvalsh(matrices)[:, 0] > _LEAST_EIGENVALUE
-        factor[regular] = np.linalg.cholesky(matrices[regular])
-        return factor
+        return np.full_like(matrices, np.nan)
