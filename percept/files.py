@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import fnmatch
 import os
 import secrets
@@ -10,7 +9,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -29,30 +28,13 @@ _PATIENCE = 10.0
 _FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
 
 
-@dataclasses.dataclass(frozen=True)
-class FolderFiles:
-    """The files that a command writes into a folder, and may replace there.
-
-    Parameters
-    ----------
-    last : str
-        The file that is complete only when all others are.
-    names : tuple of str
-        Patterns of every file the command can write, `last` among them, such as
-        ``"tables/data_*.csv"``.
-    """
-
-    last: str
-    names: tuple[str, ...]
-
-    def has(self, name: str) -> bool:
-        """Say whether the command can write a file of this name."""
-        depth = name.count("/")
-        # A star of `fnmatch` reaches over folders.
-        return any(
-            pattern.count("/") == depth and fnmatch.fnmatchcase(name, pattern)
-            for pattern in self.names
-        )
+def fits(name: str, patterns: Sequence[str]) -> bool:
+    """Say whether a file's name, with its folders, fits one of the patterns."""
+    depth = name.count("/")
+    # A star of `fnmatch` reaches over folders.
+    return any(
+        pattern.count("/") == depth and fnmatch.fnmatchcase(name, pattern) for pattern in patterns
+    )
 
 
 @contextmanager
@@ -154,9 +136,9 @@ def _is_locked(handle: int, folder: Path, deadline: float) -> bool:
 
 @contextmanager
 def filled_folder(
-    out_dir: str | Path, files: FolderFiles, *, force: bool = False
+    out_dir: str | Path, patterns: Sequence[str], *, force: bool = False
 ) -> Iterator[Path]:
-    """Give an empty folder to fill; its files move to `out_dir` at the end, `files.last` last.
+    """Give an empty folder to fill; its files move to `out_dir` at the end.
 
     An error inside leaves `out_dir` as it was. What an earlier run of the command wrote there is
     replaced, or removed where it is not written again. Every other file stays. Of two runs into one
@@ -166,8 +148,9 @@ def filled_folder(
     ----------
     out_dir : str or Path
         The folder, made where it does not exist.
-    files : FolderFiles
-        What may be written, replaced and removed.
+    patterns : sequence of str
+        Of every file that may be written, replaced and removed, such as ``"tables/data_*.csv"``.
+        The first file moves last: it is complete only when all others are.
     force : bool
         Take a folder with files that are not percept's.
 
@@ -182,7 +165,7 @@ def filled_folder(
         Before anything is written inside: see `refuse_foreign`. At the end too, or where `out_dir`
         cannot be written.
     """
-    refuse_foreign(out_dir, files, force=force)
+    refuse_foreign(out_dir, patterns, force=force)
     out = _folder(out_dir)
     # Only within one file system is a move all or nothing, and a folder may be where another
     # begins.
@@ -198,8 +181,8 @@ def filled_folder(
             yield aside
             out.mkdir(exist_ok=True)
             with exclusive(out):
-                refuse_foreign(out_dir, files, force=force)
-                _move(aside, out, files)
+                refuse_foreign(out_dir, patterns, force=force)
+                _move(aside, out, patterns)
     except OSError as error:
         if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
             raise
@@ -219,7 +202,7 @@ def own_folder(out_dir: str | Path, *, force: bool = False) -> Path:
 
 
 def refuse_foreign(
-    out_dir: str | Path, files: FolderFiles | None = None, *, force: bool = False
+    out_dir: str | Path, patterns: Sequence[str] = (), *, force: bool = False
 ) -> None:
     """Refuse a folder with files that is not percept's own.
 
@@ -227,7 +210,7 @@ def refuse_foreign(
     ----------
     out_dir : str or Path
         The folder; it need not exist.
-    files : FolderFiles, optional
+    patterns : sequence of str
         What is written into it.
     force : bool
         Take it all the same.
@@ -239,7 +222,7 @@ def refuse_foreign(
         or a file is where a folder is needed.
     """
     out = _folder(out_dir)
-    for name in files.names if files is not None else ():
+    for name in patterns:
         _refuse_unless_folder((out / name).parent)
     if force or not out.is_dir() or (out / MARKER).is_file():
         return
@@ -276,7 +259,7 @@ def _folder(out_dir: str | Path) -> Path:
     return out
 
 
-def _move(aside: Path, out: Path, files: FolderFiles) -> None:
+def _move(aside: Path, out: Path, patterns: Sequence[str]) -> None:
     """Move files into place, and remove what an earlier run wrote and this one did not."""
     written = [path.relative_to(aside).as_posix() for path in aside.rglob("*") if path.is_file()]
     for name in written:
@@ -287,10 +270,10 @@ def _move(aside: Path, out: Path, files: FolderFiles) -> None:
                 hint="Rename it, or choose another folder.",
             )
     listed = _listed(out)
-    stale = {name for name in listed if files.has(name)} - {*written}
+    stale = {name for name in listed if fits(name, patterns)} - {*written}
     # A run that is killed while it moves files leaves a list of both runs' files.
     _mark(aside, out, listed | {*written})
-    for name in sorted(written, key=lambda name: name == files.last):
+    for name in sorted(written, key=lambda name: name == patterns[0]):
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         (aside / name).replace(out / name)
     for name in stale:

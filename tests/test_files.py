@@ -11,7 +11,6 @@ import pytest
 from percept.errors import UsageError
 from percept.files import (
     MARKER,
-    FolderFiles,
     exclusive,
     filled_folder,
     inert,
@@ -126,7 +125,7 @@ def test_a_file_system_without_locks_is_told_and_not_an_error(tmp_path, monkeypa
         pass
 
 
-PAGE = FolderFiles("page.html", ("page.html", "posterior.nc", "tables/data_*.csv"))
+PAGE = ("page.html", "posterior.nc", "tables/data_*.csv")
 
 
 def fill(out, *names, text="of the program", **options):
@@ -241,7 +240,7 @@ def test_a_folder_of_one_s_own_is_marked(tmp_path):
 
 
 def test_commands_of_one_folder_know_each_other_s_files(tmp_path):
-    fit = FolderFiles("fit.json", ("fit.json", "posterior.nc"))
+    fit = ("fit.json", "posterior.nc")
     fill(tmp_path, "page.html", "posterior.nc")
     with filled_folder(tmp_path, fit) as folder:
         (folder / "fit.json").write_text("fit")
@@ -274,8 +273,8 @@ def test_a_run_that_dies_while_it_moves_files_leaves_no_foreign_file(tmp_path, m
 @posix
 def test_what_a_living_run_holds_is_not_removed_however_old_it_is(tmp_path):
     code = (
-        "import sys\nfrom percept.files import FolderFiles, filled_folder\n"
-        "with filled_folder(sys.argv[1], FolderFiles('page.html', ('page.html',))) as folder:\n"
+        "import sys\nfrom percept.files import filled_folder\n"
+        "with filled_folder(sys.argv[1], ('page.html',)) as folder:\n"
         "    print(folder, flush=True)\n    sys.stdin.read()\n"
     )
     holder = subprocess.Popen(

@@ -47,13 +47,11 @@ when started again. Exit code 1: some study failed, was refused or has no Bayesi
 
 def _fit(arguments: argparse.Namespace) -> int:
     """Write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
-    from percept.files import FolderFiles, filled_folder
+    from percept.files import filled_folder
 
     with Working("fitting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        with filled_folder(
-            arguments.out, FolderFiles("fit.json", _FIT_FILES), force=arguments.force
-        ) as into:
+        with filled_folder(arguments.out, _FIT_FILES, force=arguments.force) as into:
             results = study.results(curves=False, progress=progress.stage)
             document = results.to_json()
             (into / "fit.json").write_text(document, encoding="utf-8")

@@ -18,7 +18,7 @@ from pathlib import Path
 from markupsafe import Markup, escape
 
 from percept.errors import UsageError
-from percept.files import FolderFiles, filled_folder
+from percept.files import filled_folder
 from percept.provenance import commit_of_code
 from percept.report.adjustments import adjustments
 from percept.report.basics import Plot, Section, Table, Value, title_of
@@ -32,16 +32,13 @@ from percept.results import Beside, Findings, Results
 
 _FORMATS = ("svg", "pdf", "png")
 #: What a report may write and replace.
-REPORT_FILES = FolderFiles(
+REPORT_FILES = (
     "report.html",
-    (
-        "report.html",
-        "report.json",
-        "references.bib",
-        "posterior.nc",
-        *(f"tables/*.{form}" for form in ("csv", "tex", "html")),
-        *(f"figures/*.{form}" for form in _FORMATS),
-    ),
+    "report.json",
+    "references.bib",
+    "posterior.nc",
+    *(f"tables/*.{form}" for form in ("csv", "tex", "html")),
+    *(f"figures/*.{form}" for form in _FORMATS),
 )
 
 

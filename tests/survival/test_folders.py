@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from percept.cli import main
-from percept.files import FolderFiles, exclusive, filled_folder
+from percept.files import exclusive, filled_folder
 from tests import DATASETS
 
 pytestmark = pytest.mark.skipif(
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(
 )
 STUDY = str(DATASETS / "hbfd_sessions.csv")
 _SIZE = 1 << 20
-ONE = FolderFiles("a.txt", ("a.txt",))
+ONE = ("a.txt",)
 # The command under a limit on the size of files, which fails as a full disk does: in the middle of
 # a write.
 LIMITED = """
@@ -130,8 +130,8 @@ def test_moves_of_two_runs_do_not_mix(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     code = (
-        "import sys\nfrom percept.files import FolderFiles, filled_folder\n"
-        "files = FolderFiles('z.txt', ('a.txt', 'z.txt'))\n"
+        "import sys\nfrom percept.files import filled_folder\n"
+        "files = ('z.txt', 'a.txt')\n"
         "with filled_folder(sys.argv[1], files) as f:\n"
         "    for n in ('a.txt', 'z.txt'):\n        (f / n).write_text('other\\n')\n"
         "    print('filled', flush=True)\n"
