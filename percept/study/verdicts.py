@@ -220,7 +220,9 @@ def study_verdicts(
             stable_and_real = _stable_and_real(setup, display, likely, stable=is_stable)
             if environment in weights:
                 by_draw = weights[environment][: likely.draws]
-                without_each = (likely.real @ by_draw / by_draw.sum(axis=0)).tolist()
+                # A large study weighs fewer draws than it judges.
+                real = likely.real[: len(by_draw)]
+                without_each = (real @ by_draw / by_draw.sum(axis=0)).tolist()
         if of_subjects is not None and scene.inference.method != "bayesian":
             fiducial = None
             if of_subjects.users is not None:

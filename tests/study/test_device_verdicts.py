@@ -40,7 +40,10 @@ def known(study: Study, covariance: list[list[float]]):
 def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bool) -> None:
     """At the point device's frequencies the probability was .02 too large, and nothing decided."""
     setup, scene = known(fitted, [[0.25, 0.0], [0.0, 0.25]])
-    verdicts = study_verdicts(setup, fitted.users, fitted.subjects, scene, stable={}, weights={})
+    weights = {"VE2": np.ones((100, 1))}  # Of fewer draws than are judged
+    verdicts = study_verdicts(
+        setup, fitted.users, fitted.subjects, scene, stable={}, weights=weights
+    )
     (verdict,) = [row for row in verdicts if row.environment == "VE2" and row.coupled is coupled]
     evidence = verdict.bayesian
     assert evidence is not None
@@ -58,6 +61,7 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
         inside.append(max(score, plane) <= score_of(CENTRAL))
     # Of the same draws, one or two may lie too near to the edge.
     assert evidence.probability == pytest.approx(np.mean(inside), abs=2.0 / evidence.draws)
+    assert verdict.without == pytest.approx((np.mean(inside[:100]),), abs=2.0 / 100)
 
 
 def test_a_coupling_is_stable_and_real_on_the_same_devices(fitted: Study) -> None:
