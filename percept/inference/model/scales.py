@@ -40,11 +40,6 @@ Axis = tuple[str, Sequence[str]]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
-#: Symbols of scales: the first for the term that all cells share, the second for factors,
-#: which add their name.
-_SYMBOLS_OF_LEVEL = {"sigma": "sigma_u", "rho": "rho_u", "tau": "tau"}
-_SYMBOLS_OF_FACTOR = {"sigma": "sigma_v", "rho": "rho_v", "tau": "tau"}
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CellScales:
@@ -117,8 +112,6 @@ class Coordinates:
         What the axes of each scale are, by its name.
     priors_in_use : set of str
         Fields of `Priors` that the scales have.
-    own_slopes : tuple of str
-        Covariates of which subjects have slopes of their own.
     between, trial : CellSpreads
         Maps of the SDs between subjects, and between trials; the second is None without repeats.
     """
@@ -130,7 +123,10 @@ class Coordinates:
         priors: Priors,
     ) -> None:
         covariates = statistics.covariates
-        self.own_slopes = covariates.within if covariates is not None else ()
+        own_slopes = covariates.within if covariates is not None else ()
+        #: Ends of the names of scales of subjects' effects, and then of their own slopes.
+        self._effects = ["u" if term.name == LEVEL else f"v:{term.name}" for term in design.subject]
+        self._effects += [f"v:{name}" for name in own_slopes]
         self._design = design
         self._priors = priors
         self._scatter = statistics.scatter
@@ -172,18 +168,14 @@ class Coordinates:
             subjects = ("subject", statistics.subjects)
             self._append("phi", quantities, subjects, standard=False)
             self._append("omega_s", quantities, prior="omega_s_scale")
-        of_subjects = []
-        for term in design.subject:
-            of_subjects.append((_name_of("sigma", term), _name_of("rho", term)))
-        of_subjects += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self.own_slopes]
-        of_trend = f"sigma_v:{TREND}"
-        for sigma, rho in of_subjects:
-            prior = "sigma_trend_scale" if sigma == of_trend else "sigma_u_scale"
-            self._append(sigma, quantities, prior=prior)
+        for suffix in self._effects:
+            of_trend = suffix == f"v:{TREND}"
+            prior = "sigma_trend_scale" if of_trend else "sigma_u_scale"
+            self._append(f"sigma_{suffix}", quantities, prior=prior)
             if pair:
-                self._append(rho, prior="rho_shape")
+                self._append(f"rho_{suffix}", prior="rho_shape")
         for term in design.deviation:
-            self._append(_name_of("tau", term), quantities, prior="tau_scale")
+            self._append(_tau(term), quantities, prior="tau_scale")
         for term in design.effect_size:
             columns = (f"{term.name} column", numbered("column", len(term.columns)))
             self._append(f"eta:{term.name}", quantities, columns, prior=term.prior)
@@ -281,18 +273,16 @@ class Coordinates:
         taus = []
         for term in self._design.deviation:
             # A term may have several columns, each once for every quantity.
-            taus += [named[_name_of("tau", term)]] * len(term.columns)
+            taus += [named[_tau(term)]] * len(term.columns)
         sizes = [
             named[f"eta:{term.name}"] / self._priors.psi_sd for term in self._design.effect_size
         ]
-        covariances = []
-        for term in self._design.subject:
-            sd = named[_name_of("sigma", term)]
-            covariances.append(_covariance(sd, _name_of("rho", term), named, rests))
-        slopes = [
-            _covariance(named[f"sigma_v:{covariate}"], f"rho_v:{covariate}", named, rests)
-            for covariate in self.own_slopes
-        ]
+        every = []
+        for suffix in self._effects:
+            sd = named[f"sigma_{suffix}"]
+            every.append(_covariance(sd, f"rho_{suffix}", named, rests))
+        covariances = every[: len(self._design.subject)]
+        slopes = every[len(covariances) :]
         effects = effect_columns(covariances, sizes, self._design)
         return CellScales(
             between=_covariance(sigma, "rho_w", named, rests),
@@ -344,11 +334,9 @@ class Coordinates:
         return spreads.log_density
 
 
-def _name_of(symbol: str, term: Term) -> str:
-    """Name of a scale of a term: sigma_u, and sigma_v:hand for the factor `hand`."""
-    if term.name == LEVEL:
-        return _SYMBOLS_OF_LEVEL[symbol]
-    return f"{_SYMBOLS_OF_FACTOR[symbol]}:{term.name}"
+def _tau(term: Term) -> str:
+    """Name of the SD of the environments' deviations under a term."""
+    return "tau" if term.name == LEVEL else f"tau:{term.name}"
 
 
 def _covariance(
