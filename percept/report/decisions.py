@@ -226,7 +226,7 @@ def doubtful_verdicts(results: Results) -> list[str]:
         if other is not None:
             said = _felt({other.environment: (other.outcome, other.probability)}, [other], words)
         sentences.append(
-            f"The verdict on {verdict.environment} leans on {listed(rows)}. Without {without}"
+            f"The verdict on {verdict.environment} leans on {listed(rows)}. Without {without},"
             f" {said}."
         )
     return sentences

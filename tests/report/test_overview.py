@@ -210,13 +210,13 @@ def test_a_verdict_that_leans_on_a_doubtful_row_is_said_with_the_verdict_without
     doubts = (row, Note("twice", "w.csv", 30))
     found = dataclasses.replace(found, data=dataclasses.replace(found.data, doubts=doubts))
     assert cautions(found) == [
-        "The verdict on A leans on row 27 of w.csv. Without that row A feels real (98 %).",
+        "The verdict on A leans on row 27 of w.csv. Without that row, A feels real (98 %).",
         "w.csv:30: twice.",
     ]
     unnamed = dataclasses.replace(row, file="", row=None)
     leaning = Leaning(rows=(unnamed,) * 2, without=None)
     (said,) = doubtful_verdicts(judged([dataclasses.replace(felt("A", 0.6), leaning=leaning)]))
-    assert said.endswith("'S9', where …. Without those rows there is no verdict.")
+    assert said.endswith("'S9', where …. Without those rows, there is no verdict.")
 
 
 def test_both_methods_are_named_where_they_disagree():
