@@ -6,11 +6,10 @@ import dataclasses
 from collections.abc import Collection, Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from percept.boundary.limits import Magnitude, MagnitudeLimits, SimultaneousScore, relative_error
+from percept.boundary.limits import Magnitude, MagnitudeLimits, relative_error
 from percept.boundary.shares import score_of
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError
 from percept.haptics.loop import log_grid
 from percept.results import BandPair, Boundary, Shape, Skipped
 from percept.scene import FrequencyTable
@@ -18,8 +17,6 @@ from percept.study.basics import Array
 from percept.study.device import Setup
 from percept.study.regions import Law, Region, claim_fields
 
-#: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
-JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
 _LAW_SHAPES: tuple[Shape, ...] = ("pointwise", "simultaneous")
 #: Curves are not drawn when their Monte Carlo error exceeds this many times the tolerance.
 _MOST_TOLERANCES = 10.0
@@ -29,19 +26,6 @@ _PER_DECADE = 40
 _BESIDE = 1.0 + np.array([-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 
 
-def increasing(omega: ArrayLike) -> Array:
-    """Return frequencies (M,), rad/s, as an array; UsageError unless positive and increasing."""
-    try:
-        grid = np.asarray(omega, dtype=np.float64)
-    except (TypeError, ValueError):
-        grid = np.empty(0)
-    if grid.ndim != 1 or not grid.size:
-        raise UsageError("omega must be a list of frequencies in rad/s.", value=omega)
-    if not (np.all(grid > 0) and np.all(np.diff(grid) > 0)):
-        raise UsageError("omega must be positive and increase, in rad/s.", value=omega)
-    return grid
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Frame:
     """What all curves of one environment share."""
@@ -49,45 +33,6 @@ class _Frame:
     omega: Array  # (M,) rad/s
     reference: Array  # (M,) abs(Z_h) of the reference, N·s/m
     coupled: Array | None  # (M,) through the coupling, N·s/m
-
-
-class _LawCurves:
-    """Limits of abs(Z_h) of one law at frequencies (M,), rad/s, by their shape.
-
-    Bayesian limits average over the device's posterior. A classical level counts repetitions of the
-    study, and a posterior has none. A simultaneous band takes its score from the same curves on the
-    environment's own grid, `on_grid`; None there.
-    """
-
-    def __init__(
-        self, setup: Setup, law: Law, omega: Array, on_grid: _LawCurves | None = None
-    ) -> None:
-        #: Of a Bayesian simultaneous band.
-        self.simultaneous: SimultaneousScore | None = on_grid.simultaneous if on_grid else None
-        self.limits: dict[Shape, MagnitudeLimits] = {}
-        self.refused: dict[Shape, str] = {}
-        bayesian = law.method == "bayesian"
-        mass = float(setup.references[law.environment].mass)
-        devices = setup.draws if bayesian else None
-        magnitude = Magnitude(law.pair, setup.loop, omega, mass=mass, devices=devices)
-        try:
-            pointwise = magnitude.limits(score_of(law.level))
-            self.limits["pointwise"] = pointwise
-            if bayesian:
-                if self.simultaneous is None:
-                    self.simultaneous = magnitude.simultaneous_score(law.level)
-                whole = magnitude.limits(self.simultaneous.score, self.simultaneous.shifts)
-            elif law.region is None:
-                raise RefusalError("the subjects' values give no ellipse.")
-            else:
-                # What holds (k, b) holds the whole curve. A calibrated level of the t law covers
-                # too little: 87 % of users where 90 % is stated.
-                whole = MagnitudeLimits(*setup.outline(law.region, "envelope", omega))
-            self.limits["simultaneous"] = whole.joined(pointwise)
-        except RefusalError as error:
-            for shape in _LAW_SHAPES:
-                if shape not in self.limits:
-                    self.refused[shape] = error.message.removesuffix(".")
 
 
 class BoundaryDrawing:
@@ -120,44 +65,31 @@ class BoundaryDrawing:
         self._laws = laws
         self._table = table
         self._largest_error = _MOST_TOLERANCES * tolerance
-        self._frames: dict[str, _Frame] = {}
-        self._curves_on_grid: dict[Law, _LawCurves] = {}
+        self._skipped: dict[str, str] = {}
 
-    def at(
-        self,
-        omega: Array | None,
-        environments: Collection[str],
-        joints: Collection[str] = JOINTS,
-    ) -> tuple[Boundary, ...]:
-        """Draw boundaries at frequencies (M,), rad/s, or on the environments' own grids."""
-        boundaries: list[Boundary] = []
+    def drawn(self, environments: Collection[str]) -> Iterator[Boundary]:
+        """Yield all boundaries of environments, on grids of their own."""
         for environment in environments:
-            frame = (
-                self._own_frame(environment) if omega is None else self._frame(environment, omega)
-            )
+            frame = self._frame(environment, self._grid(environment))
             for region in self._regions:
-                if region.environment == environment and region.joint in joints:
-                    boundaries += self._around(region, frame)
+                if region.environment == environment:
+                    yield from self._around(region, frame)
             for law in self._laws:
-                if law.environment == environment and "joint" in joints:
-                    boundaries += self._of_law(law, frame)
-        return tuple(boundaries)
+                if law.environment == environment:
+                    yield from self._of_law(law, frame)
+
+    def envelopes(self, omega: Array) -> Iterator[Boundary]:
+        """Yield exact envelopes of k and b each at its level, at frequencies (M,), rad/s."""
+        for region in self._regions:
+            if region.joint == "marginal":
+                frame = self._frame(region.environment, omega)
+                limits = MagnitudeLimits(*self._setup.outline(region, "envelope", omega))
+                yield _boundary(region, region.joint, "envelope", limits, frame)
 
     @property
     def skipped(self) -> list[Skipped]:
         """Curves of laws that were asked for and are not drawn, and why."""
-        return [
-            Skipped(_law_name(law, shape), curves.refused[shape])
-            for law, curves in self._curves_on_grid.items()
-            for shape in _LAW_SHAPES
-            if shape in curves.refused
-        ]
-
-    def _own_frame(self, environment: str) -> _Frame:
-        """Return what all curves of an environment share on its own grid."""
-        if environment not in self._frames:
-            self._frames[environment] = self._frame(environment, self._grid(environment))
-        return self._frames[environment]
+        return [Skipped(what, why) for what, why in self._skipped.items()]
 
     def _grid(self, environment: str) -> Array:
         """Return frequencies, rad/s, dense about resonances unless the scene sets their number."""
@@ -180,21 +112,6 @@ class BoundaryDrawing:
             coupled = self._setup.curve(environment, omega, coupled=True)
         return _Frame(omega, reference, coupled)
 
-    def _curves(self, law: Law) -> _LawCurves:
-        """Return a law's curves on the grid of its environment."""
-        if law not in self._curves_on_grid:
-            omega = self._own_frame(law.environment).omega
-            curves = _LawCurves(self._setup, law, omega)
-            for shape, limits in curves.limits.items():
-                error = relative_error(omega, limits)
-                if error is not None and error > self._largest_error:
-                    curves.refused[shape] = (
-                        f"their Monte Carlo error is {error:.2g} of the half-width,"
-                        f" and curves are drawn up to {self._largest_error:.2g}"
-                    )
-            self._curves_on_grid[law] = curves
-        return self._curves_on_grid[law]
-
     def _around(self, region: Region, frame: _Frame) -> Iterator[Boundary]:
         """Yield the curves around a region of (k, b)."""
         # An ellipse has no corners.
@@ -204,21 +121,49 @@ class BoundaryDrawing:
             yield _boundary(region, region.joint, shape, limits, frame)
 
     def _of_law(self, law: Law, frame: _Frame) -> Iterator[Boundary]:
-        """Yield the limits at single frequencies, and those between which whole curves lie."""
-        curves = on_grid = self._curves(law)
-        if frame is not self._own_frame(law.environment):
-            curves = _LawCurves(self._setup, law, frame.omega, on_grid)
-        for shape, limits in curves.limits.items():
-            if shape in on_grid.refused:
+        """Yield limits at single frequencies, and those between which whole curves lie.
+
+        Bayesian limits average over the device's posterior. A classical level counts repetitions of
+        the study, and a posterior has none.
+        """
+        setup = self._setup
+        bayesian = law.method == "bayesian"
+        mass = float(setup.references[law.environment].mass)
+        devices = setup.draws if bayesian else None
+        magnitude = Magnitude(law.pair, setup.loop, frame.omega, mass=mass, devices=devices)
+        found: list[Boundary] = []
+        try:
+            pointwise = magnitude.limits(score_of(law.level))
+            found.append(_boundary(law, "joint", "pointwise", pointwise, frame))
+            level = level_error = None
+            if bayesian:
+                simultaneous = magnitude.simultaneous_score(law.level)
+                level = simultaneous.level
+                level_error = simultaneous.level_error
+                whole = magnitude.limits(simultaneous.score, simultaneous.shifts)
+            elif law.region is None:
+                raise RefusalError("the subjects' values give no ellipse.")
+            else:
+                # What holds (k, b) holds the whole curve. A calibrated level of the t law covers
+                # too little: 87 % of users where 90 % is stated.
+                whole = MagnitudeLimits(*setup.outline(law.region, "envelope", frame.omega))
+            boundary = _boundary(law, "joint", "simultaneous", whole.joined(pointwise), frame)
+            boundary = dataclasses.replace(
+                boundary, pointwise_level=level, pointwise_level_error=level_error
+            )
+            found.append(boundary)
+        except RefusalError as refusal:
+            for shape in _LAW_SHAPES[len(found) :]:
+                self._skipped[_law_name(law, shape)] = refusal.message.removesuffix(".")
+        for boundary in found:
+            error = boundary.error
+            if error is None or error <= self._largest_error:
+                yield boundary
                 continue
-            boundary = _boundary(law, "joint", shape, limits, frame)
-            if shape == "simultaneous" and curves.simultaneous is not None:
-                boundary = dataclasses.replace(
-                    boundary,
-                    pointwise_level=curves.simultaneous.level,
-                    pointwise_level_error=curves.simultaneous.level_error,
-                )
-            yield boundary
+            self._skipped[_law_name(law, boundary.shape)] = (
+                f"their Monte Carlo error is {error:.2g} of the half-width,"
+                f" and curves are drawn up to {self._largest_error:.2g}"
+            )
 
 
 def _boundary(

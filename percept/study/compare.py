@@ -128,8 +128,8 @@ def _bands(first: Study, second: Study) -> Iterator[BandPair]:
     upper = min(first.data.within[1], second.data.within[1])
     if lower < upper:
         omega = np.geomspace(lower, upper, _POINTS)
-        of_a = first.boundaries_at(omega, joints=("marginal",))
-        of_b = second.boundaries_at(omega, joints=("marginal",))
+        of_a = first.envelopes_at(omega)
+        of_b = second.envelopes_at(omega)
         yield from band_pairs(of_a, of_b, "environment", "kind", "method", "family")
 
 

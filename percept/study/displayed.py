@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cached_property
 
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from percept import haptics
 from percept.boundary.confidence import Subjects
@@ -29,12 +28,7 @@ from percept.results import (
 )
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import Array, select
-from percept.study.boundaries import (
-    JOINTS,
-    BoundaryDrawing,
-    band_pairs,
-    increasing,
-)
+from percept.study.boundaries import BoundaryDrawing, band_pairs
 from percept.study.data import Data
 from percept.study.device import Setup, device_of, referenced, setup_of, study_coupling
 from percept.study.inferred import Inferred, part
@@ -140,29 +134,25 @@ class Displayed(Inferred):
     def boundaries(self) -> tuple[Boundary, ...]:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without device, k or b.
 
-        Of many environments they are of the first, as maps are; `boundaries_at` draws any.
+        Of many environments they are of the first, as maps are; `boundaries_of` draws any.
         """
-        return self.boundaries_at(None, self._shown)
+        return self.boundaries_of(self._shown)
 
-    def boundaries_at(
-        self,
-        omega: ArrayLike | None,
-        environments: Collection[str] | None = None,
-        *,
-        joints: Collection[str] | None = None,
-    ) -> tuple[Boundary, ...]:
-        """Boundaries at frequencies, rad/s, or on grids of their own; of all, or of those named."""
-        grid = None if omega is None else increasing(omega)
+    def boundaries_of(self, environments: Collection[str] | None = None) -> tuple[Boundary, ...]:
+        """Boundaries of all environments, or of those named."""
         environments = select("environment", environments, self.with_reference)
-        joints = select("joint treatment", joints, JOINTS)
         setup = self.setup
-        if setup is None or self._drawing is None:
-            return ()
         drawing = self._drawing
+        if setup is None or drawing is None:
+            return ()
         if not set(environments) <= set(self._shown):
             laws = self._laws_of(environments)
             drawing = self._drawing_of(setup, self._regions_of(laws), laws)
-        return drawing.at(grid, environments, joints)
+        return tuple(drawing.drawn(environments))
+
+    def envelopes_at(self, omega: Array) -> tuple[Boundary, ...]:
+        """Exact envelopes at frequencies (M,), rad/s, of k and b each at its level."""
+        return () if self._drawing is None else tuple(self._drawing.envelopes(omega))
 
     @property
     def curves(self) -> pd.DataFrame:
@@ -287,7 +277,7 @@ class Displayed(Inferred):
         """Note why there is no map of couplings, or of devices, and which there are."""
         if others := len(self.with_reference) - len(self._shown):
             what = f"curves and couplings of {counted(others, 'more environment')}"
-            yield Skipped(what, "Study.boundaries_at draws curves of any")
+            yield Skipped(what, "Study.boundaries_of draws curves of any")
         if self.setup is not None:
             yield no_other_devices(self.setup, self.map_users)
             if self.setup.coupling is not None:

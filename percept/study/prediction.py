@@ -133,7 +133,7 @@ def predict(
         regions = regions_of(rectangles(rows), laws, None, data.asked)
         tolerance = data.asked.tolerance
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, tolerance)
-        boundaries = drawing.at(None, names)
+        boundaries = tuple(drawing.drawn(names))
         skipped += drawing.skipped
     return Prediction(
         environment=new_name(""),

@@ -167,7 +167,9 @@ def contrast_name(row: Mapping[str, Any]) -> str:
 
 def _curves(study: percept.Study) -> dict[str, dict[str, list[float]]]:
     found: dict[str, dict[str, list[float]]] = {}
-    for curve in study.boundaries_at(OMEGA):
+    grid = {"lower": OMEGA[0], "upper": OMEGA[-1], "points": OMEGA.size}
+    drawn = study.over(study.sessions, study.scene.with_tables(frequency=grid))
+    for curve in drawn.boundaries:
         if curve.shape == "simultaneous":
             continue
         name = " ".join((curve.shape, curve.environment, curve.kind, curve.family, curve.joint))

@@ -14,12 +14,12 @@ from tests import DATASETS
 from tests.study.checked import table_of
 
 
-def keys(study: Study, omega: np.ndarray) -> set[tuple[str, str, str, str]]:
-    return {(b.method, b.kind, b.joint, b.shape) for b in study.boundaries_at(omega, ("VE3",))}
+def keys(study: Study) -> set[tuple[str, str, str, str]]:
+    return {(b.method, b.kind, b.joint, b.shape) for b in study.boundaries_of(("VE3",))}
 
 
 def test_every_kind_method_and_joint_treatment_has_its_boundaries(fitted: Study) -> None:
-    found = keys(fitted, np.array([1.0, 10.0]))
+    found = keys(fitted)
     for method in ("classical", "bayesian"):
         for kind in ("mean", "user", "share"):
             for joint in ("marginal", "bonferroni"):
@@ -63,17 +63,6 @@ def test_simultaneous_bands_contain_the_pointwise_ones(fitted: Study) -> None:
         assert 0.0 < band.pointwise_level_error < 0.1 * (1.0 - band.pointwise_level)
 
 
-def test_a_band_is_calibrated_over_its_grid_wherever_it_is_asked_for(fitted: Study) -> None:
-    for read in fitted.boundaries_at([10.0], ("VE3",), joints=("joint",)):
-        if read.shape == "simultaneous" and read.kind == "user":
-            whole = bands(fitted, "simultaneous")["VE3", "user", read.method, read.family]
-            assert read.pointwise_level == whole.pointwise_level
-            at = np.log(10.0), np.log(whole.omega)
-            assert np.log(read.upper[0]) == pytest.approx(
-                np.interp(*at, np.log(whole.upper)), abs=2e-3
-            )
-
-
 def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_level(
     fitted: Study,
 ) -> None:
@@ -107,34 +96,17 @@ def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_l
 def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
     study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
-    assert {(joint, shape) for _, _, joint, shape in keys(study, np.array([1.0, 2.0]))} == {
+    assert {(joint, shape) for _, _, joint, shape in keys(study)} == {
         (joint, shape) for joint in ("marginal", "bonferroni") for shape in ("corner", "envelope")
     }
     assert study.curve_laws == ()
 
 
-@pytest.mark.parametrize(
-    ("omega", "chosen", "message"),
-    [
-        (5.0, {}, "omega must be a list of frequencies in rad/s"),
-        ([], {}, "omega must be a list of frequencies in rad/s"),
-        ([0.0, 1.0], {}, "omega must be positive and increase, in rad/s"),
-        ([2.0, 1.0], {}, "omega must be positive and increase, in rad/s"),
-        (
-            [1.0],
-            {"environments": "VE9"},
-            r"value .VE9.: the study has no such environment; there are VE1, VE2",
-        ),
-        (
-            [1.0],
-            {"joints": ("both",)},
-            r"value .both.: the study has no such joint treatment; there are marginal",
-        ),
-    ],
-)
-def test_own_frequencies_and_choices_are_checked(fitted, omega, chosen, message):
-    with pytest.raises(UsageError, match=message):
-        fitted.boundaries_at(omega, **chosen)
+def test_an_environment_that_is_not_there_is_named(fitted):
+    with pytest.raises(
+        UsageError, match=r"'VE9': the study has no such environment; there are VE1"
+    ):
+        fitted.boundaries_of("VE9")
 
 
 def test_curves_are_of_the_scenes_family_unless_all_are_asked_for():

@@ -36,7 +36,8 @@ def curves(drawn: BoundaryDrawing) -> dict[tuple[str, ...], Boundary]:
     """Curves of the laws in two environments."""
     return {
         (one.environment, one.kind, one.method, one.family, one.shape): one
-        for one in drawn.at(None, ("VE1", "VE3"), ("joint",))
+        for one in drawn.drawn(("VE1", "VE3"))
+        if one.joint == "joint"
     }
 
 
