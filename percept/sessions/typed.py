@@ -274,21 +274,19 @@ def _matlab(entry: Input, limits: FileLimits) -> _Rows:
             found[name] = value
         else:
             alone[name] = value
-    # Structs of single values say something about the table.
-    tables = [
-        name
-        for name, columns in found.items()
-        if max(map(np.size, columns.values()), default=0) > 1
-    ]
-    if entry.part is None and not tables and alone:
-        yield from _side_by_side(alone, limits, entry.name)
-        return
-    if entry.part is None and found and not tables:
-        message = f"{shown(list(found))} hold no columns of one length, and no rows."
-        hint = "Save the table alone. In MATLAB: T = study.trials; save('T.mat', 'T', '-v7')."
-        raise NoDataError(message, hint=hint)
-    name = _chosen(tables if entry.part is None else list(found), entry)
-    yield from _side_by_side(found[name], limits, entry.name)
+    if entry.part is None:
+        # Structs of single values say something about the table.
+        tables = {
+            name: columns
+            for name, columns in found.items()
+            if max(map(np.size, columns.values()), default=0) > 1
+        }
+        if found and not tables and not alone:
+            message = f"{shown(list(found))} hold no columns of one length, and no rows."
+            hint = "Save the table alone. In MATLAB: T = study.trials; save('T.mat', 'T', '-v7')."
+            raise NoDataError(message, hint=hint)
+        found = tables or ({"": alone} if alone else {})
+    yield from _side_by_side(found[_chosen(list(found), entry)], limits, entry.name)
 
 
 def _variables(entry: Input, limits: FileLimits) -> Iterator[tuple[str, Any]]:
