@@ -89,26 +89,15 @@ def compared(data: Data, trials: Trials, parameter: str) -> Iterator[Contrast | 
     if data.sessions.factors is None:
         return
     conditions = data.conditions
-    label = data.quantities[parameter].label
     cells = cells_of(data.sessions, trials.environments)
     terms: list[tuple[str, ...]] = [(factor,) for factor in conditions.factors]
     terms += [term for term in conditions.terms if len(term) > 1]
     for term in terms:
-        for found in _pairs(data, parameter, term, cells, label, "data"):
-            yield found
-            if isinstance(found, Contrast) and found.of == "bias":
-                yield dataclasses.replace(found, of="spread")
+        yield from _pairs(data, parameter, term, cells)
     for *_, overall in level_means(data, trials, parameter):
         yield overall
-    repeated = trials.statistics.trial_df > 0.0
     for factor in conditions.precision:
-        what = f"precision of {label}"
-        for found in _pairs(
-            data, parameter, (factor,), cells, what, "repeated trials", present=repeated
-        ):
-            if isinstance(found, Contrast):
-                found = dataclasses.replace(found, of="precision")
-            yield found
+        yield from _pairs(data, parameter, (factor,), cells, trials.statistics.trial_df > 0.0)
 
 
 def level_means(data: Data, trials: Trials, parameter: str) -> Iterator[list[Contrast]]:
@@ -133,16 +122,21 @@ def _pairs(
     parameter: str,
     term: Sequence[str],
     cells: pd.DataFrame,
-    label: str,
-    lacking: str,
-    present: NDArray[np.bool_] | bool = True,
+    repeated: NDArray[np.bool_] | None = None,
 ) -> Iterator[Contrast | Skipped]:
     """Yield every pair of levels of a term, by reference, then over several.
 
-    `label` says what is compared, and `lacking` what cells lack that are not `present`.
+    Cells that are `repeated` are compared in precision; others in bias and in spread.
     """
     factors = data.sessions.factors
     assert factors is not None
+    label = data.quantities[parameter].label
+    of = "interaction" if len(term) > 1 else "bias"
+    lacking = "data"
+    if repeated is not None:
+        label = f"precision of {label}"
+        of = "precision"
+        lacking = "repeated trials"
     between = [factor for factor in term if factor in data.conditions.between]
     of_factors = [itertools.combinations(factors.levels[factor], 2) for factor in term]
     for pairs in itertools.product(*of_factors):
@@ -151,12 +145,14 @@ def _pairs(
             factor=":".join(term),
             first=", ".join(first for first, _ in pairs),
             second=", ".join(second for _, second in pairs),
-            of="interaction" if len(term) > 1 else "bias",
+            of=of,
             within=not between,
             groups=pairs[term.index(between[0])] if between else ("", ""),
         )
         # Of a difference of differences that of both second levels is positive.
-        signs = np.ones(len(cells)) * present
+        signs = np.ones(len(cells))
+        if repeated is not None:
+            signs = signs * repeated
         for factor, (first, second) in zip(term, pairs, strict=True):
             levels = cells[factor].to_numpy()
             signs = signs * ((levels == second) * 1.0 - (levels == first))
@@ -166,7 +162,10 @@ def _pairs(
         if missing:
             what = f"contrast of {label}, {outline.versus}, in {', '.join(missing)}"
             yield Skipped(what, f"there are no {lacking} at all its levels")
-        yield from made
+        for contrast in made:
+            yield contrast
+            if of == "bias":
+                yield dataclasses.replace(contrast, of="spread")
 
 
 def _by_reference(
