@@ -27,7 +27,7 @@ class Fit(Prepared):
     """A sampled posterior of C cells, each a parameter in an environment, and its limits."""
 
     run: Run  #: Draws, diagnostics and the verdict of the gate
-    limits: dict[str, tuple[Array, Array]]  #: Lower and upper limits (C,) by kind, in their units
+    limits: dict[str, Array]  #: Lower and upper limits (2, C) by kind, in their units
 
     @property
     def passed(self) -> bool:
@@ -206,7 +206,6 @@ def fitted(
     limits = {}
     for kind in asked.kinds:
         ends = limits_of(run.estimates.names, run.estimates.value, kind, model.cells)
-        lower, upper = prepared.scale.native(np.stack(ends))
-        limits[str(kind)] = (lower, upper)
+        limits[str(kind)] = prepared.scale.native(np.stack(ends))
     run = dataclasses.replace(run, points=points, components=components)
     return Fit(**vars(prepared), run=run, limits=limits)

@@ -86,7 +86,7 @@ def _measured(fit: Fit) -> _Intervals:
     found: _Intervals = {}
     cells = fit.model.cells
     for kind in fit.data.asked.kinds:
-        limits = np.stack(fit.limits[kind])
+        limits = fit.limits[kind]
         errors = np.stack(limits_of(fit.run.estimates.names, fit.run.estimates.errors, kind, cells))
         errors = errors * fit.scale.unit * (limits if fit.scale.log else 1.0)
         numbers = np.vstack([limits, np.hypot(*errors)])
