@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
-from percept.html import fields_html
+from percept.html import NotebookRecord
 
 __all__ = [
     "ROW",
@@ -37,7 +37,7 @@ ROW = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Interval:
+class Interval(NotebookRecord):
     """An interval, with what it covers.
 
     Numbers are floats for one sample and arrays, all of one shape, for several.
@@ -127,14 +127,6 @@ class Interval:
                 " matching"
             )
         return "; ".join(clauses) + "."
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the fields of a row of intervals, without environment and parameter."""
-        return {name: getattr(self, name) for name in ROW}
-
-    def _repr_html_(self) -> str:
-        row = self.as_dict()
-        return fields_html(row, caption=row.pop("covers"))
 
     def _statement(self, user: str, users: str) -> str:
         level = self.level if self.confidence is None else self.confidence

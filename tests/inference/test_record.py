@@ -117,11 +117,7 @@ def test_a_share_needs_its_confidence(said):
         )
 
 
-def test_the_row_of_a_table():
-    row = tolerance_interval(X, unit="N/m").as_dict()
-    assert row["kind"] == "share"
-    assert (row["share"], row["confidence"], row["n"], row["unit"]) == (0.99, 0.95, 10, "N/m")
-    assert row["covers"] == tolerance_interval(X, unit="N/m").covers
+def test_the_table_of_a_notebook():
     page = t_interval(X, unit="N/m")._repr_html_()
     assert "64.7 %" in page
     assert "<td>10</td>" in page

@@ -262,8 +262,9 @@ def pass_gate(
         advice = ""
         if math.isfinite(longest_time):
             steps = _ADVISED_MARGIN * _TIMES_NEEDED * longest_time * stride
-            enough = _rounded_up(max(_LEAST_GROWTH * settings.most_steps, steps))
-            advice = f" most_steps = {enough} gives it more (now {settings.most_steps})."
+            enough = max(_LEAST_GROWTH * settings.most_steps, steps)
+            rounded = math.ceil(enough / 1000) * 1000
+            advice = f" most_steps = {rounded} gives it more (now {settings.most_steps})."
         reasons.append(
             f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity,"
             f" {names[slowest]}; {_TIMES_NEEDED:g} are needed.{advice}"
@@ -306,9 +307,3 @@ def pass_gate(
         tolerance_met=not error_reached,
         error_reached=error_reached,
     )
-
-
-def _rounded_up(steps: float) -> int:
-    """Round a number of steps up to one digit."""
-    unit = 10 ** math.floor(math.log10(steps))
-    return math.ceil(steps / unit) * unit
