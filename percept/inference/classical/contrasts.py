@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
 
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments, mean_and_sd, plain, tail_of
 from percept.inference.classical.variability import f_limits
@@ -65,7 +65,7 @@ def tost(moments: Moments, lower: float, upper: float) -> Tost:
     moments : Moments
         Mean, SD and number of samples, SDs above zero; shape (...).
     lower, upper : float
-        Limits in the unit of the moments; either may be infinite.
+        Limits in the unit of the moments, in order; one may be infinite.
 
     Returns
     -------
@@ -76,13 +76,9 @@ def tost(moments: Moments, lower: float, upper: float) -> Tost:
 
     Raises
     ------
-    UsageError
-        Limits that are not in order.
     RefusalError
         Samples whose values are all equal: their mean has no standard error.
     """
-    if not lower < upper:
-        raise UsageError("the lower limit must be below the upper one.", value=(lower, upper))
     if np.any(np.asarray(moments.sd) == 0.0):
         raise RefusalError("All values of a sample are equal: no test has a standard error.")
     mean = np.asarray(moments.mean)
@@ -98,7 +94,7 @@ def tost(moments: Moments, lower: float, upper: float) -> Tost:
     ends = int(np.isfinite(lower)) + int(np.isfinite(upper))
     return Tost(
         p_within=plain(np.maximum(above_lower, below_upper)),
-        p_beyond=plain(np.minimum(ends * smaller, 1.0) if ends else np.ones_like(smaller)),
+        p_beyond=plain(np.minimum(ends * smaller, 1.0)),
     )
 
 

@@ -191,7 +191,7 @@ def _law_of_sd(df: Array, cuts: Array) -> tuple[Array, Array]:
 
 
 def fiducial_draws(
-    values: ArrayLike,
+    values: Array,
     count: int,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
@@ -199,7 +199,7 @@ def fiducial_draws(
 
     Parameters
     ----------
-    values : array_like, shape (n, P)
+    values : ndarray, shape (n, P)
         One row per subject, n at least P + 1; on the scale on which users are normal.
     count : int
         Number of draws D.
@@ -213,23 +213,18 @@ def fiducial_draws(
 
     Raises
     ------
-    UsageError
-        Values that are no matrix, or not finite.
     RefusalError
         Fewer than P + 1 subjects, or values of one quantity that follow from the others exactly.
     """
-    matrix = np.asarray(values, dtype=np.float64)
-    if matrix.ndim != 2 or not np.isfinite(matrix).all():
-        raise UsageError("Values must be a matrix of finite numbers, a row per subject.")
-    n, quantities = matrix.shape
+    n, quantities = values.shape
     if n <= quantities:
         raise RefusalError(
             f"The joint law of {quantities} quantities needs at least {quantities + 1} subjects."
         )
-    centre = matrix.mean(axis=0)
+    centre = values.mean(axis=0)
     # Triangular root of the scatter: S = rootᵀ·root.
-    root: Array = np.asarray(np.linalg.qr(matrix - centre, mode="r"))
-    rounding = np.finfo(np.float64).eps * np.abs(matrix).max()
+    root: Array = np.asarray(np.linalg.qr(values - centre, mode="r"))
+    rounding = np.finfo(np.float64).eps * np.abs(values).max()
     if np.abs(np.diag(root)).min() <= rounding:
         raise RefusalError("One quantity follows exactly from the others, or does not vary.")
     # Bartlett: lower triangular, χ on the diagonal and normal below.

@@ -258,9 +258,8 @@ def _weigh(
     # A single draw spans no covariance, whose factor a linear map is.
     if possible < 2:
         point = transported.map(z[[np.argmax(impossible)]])[0]
-        points = "all points tried but one" if possible else "every point tried"
         raise RefusalError(
-            f"the log density is -inf at {points}, for example at"
+            f"the log density is -inf at {count - possible} of {count} points, for example at"
             f" {describe_point(transported.target.names, point)}.",
             hint="Check the data and the priors of these parameters.",
         )

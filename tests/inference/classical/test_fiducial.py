@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError
 from percept.inference.classical.fiducial import fiducial_draws
 
 DRAWS = 40_000
@@ -45,5 +45,3 @@ def test_refusals():
         fiducial_draws(np.ones((2, 2)), 10, rng)
     with pytest.raises(RefusalError, match="follows exactly from the others"):
         fiducial_draws(np.outer(np.arange(5.0), [1.0, 2.0]), 10, rng)
-    with pytest.raises(UsageError, match="a row per subject"):
-        fiducial_draws([1.0, 2.0], 10, rng)

@@ -60,7 +60,7 @@ def test_the_mode_of_a_ridge_is_found_where_the_curvature_at_the_start_is_zero()
 
 
 @pytest.mark.parametrize(
-    ("possible", "where"), [(0, "every point tried,"), (1, "all points tried but one,")]
+    ("possible", "where"), [(0, "2048 of 2048 points,"), (1, "2047 of 2048 points,")]
 )
 def test_a_density_that_nearly_no_draw_finds_possible_is_refused(possible, where):
     class Hidden(Normal):
