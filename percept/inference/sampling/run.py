@@ -130,21 +130,17 @@ class Chain:
         self._components: list[Array] = []  # each (E, T, W, C)
         self._closed: Run | None = None  # With the estimates of all closed parts
         self._closed_steps = 0  # Steps they span
-        self._most_positions = self._positions_in_memory(points)
+        ensembles, walkers, dimension = points.shape
+        components = task.estimands.components(transported.map(points[0, :1])).shape[-1]
+        # A component needs room for its values and for about two influence functions.
+        room = _MOST_NUMBERS // (dimension + 3 * components)
+        draws = min(task.most_draws, room)
+        # Positions of all walkers that a part has room for.
+        self._most_positions = max(draws // (ensembles * walkers), FEWEST_POSITIONS)
         # Steps that the current part is to span.
         self._goal = min(_FIRST_ROUND, self._most_positions * stride)
         self._expected: float = _BURN_IN + _FIRST_ROUND
         self._error = math.nan
-
-    def _positions_in_memory(self, points: Array) -> int:
-        """Positions of all walkers that a part has room for."""
-        ensembles, walkers, dimension = points.shape
-        point = self._transported.map(points[0, :1])
-        components = self._task.estimands.components(point).shape[-1]
-        # A component needs room for its values and for about two influence functions.
-        room = _MOST_NUMBERS // (dimension + 3 * components)
-        draws = min(self._task.most_draws, room)
-        return max(draws // (ensembles * walkers), FEWEST_POSITIONS)
 
     @property
     def _steps(self) -> int:
