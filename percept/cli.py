@@ -136,6 +136,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code: 0 done, 1 the analysis refuses, 2 wrong usage or unreadable input, 130
         interrupted, 141 nobody reads the output any more. SIGTERM ends the process with 143.
     """
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            # The caller closed it: the next file opened would get its number, and what is printed.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), number)
+            setattr(sys, name, os.fdopen(number, "w", closefd=False))
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A locale without ω or × is no reason to print nothing.
         sys.stdout.reconfigure(errors="backslashreplace")

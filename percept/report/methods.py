@@ -261,7 +261,9 @@ def _displayed(results: Results) -> Iterator[str]:
     scene = results.provenance.scene
     words = results.data.words
     if results.boundaries:
-        device = scene["device"] | scene["device"].get("velocity_filter", {})
+        device = dict(scene["device"])
+        low_pass = device.pop("velocity_filter", {})
+        device |= {f"filter {name}": value for name, value in low_pass.items()}
         known = {name: one for name, one in device.items() if one and not isinstance(one, dict)}
         described = [
             f"{name.replace('_', ' ')} {len(one) if isinstance(one, list) else one}"
@@ -272,6 +274,8 @@ def _displayed(results: Results) -> Iterator[str]:
             f" {scene['frequency']['lower']:g} to {scene['frequency']['upper']:g} rad/s. The"
             f" device, in SI units and samples: {', '.join(described)}."
         )
+        if low_pass:
+            yield "Boundaries leave the velocity filter out: k and b are as adjusted."
         errors = [curve.error for curve in results.boundaries if curve.error is not None]
         if errors:
             yield (

@@ -298,6 +298,16 @@ def in_shell(line):
     return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
 
 
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
+def test_streams_that_the_caller_closed_cost_nothing_but_what_they_would_show(tmp_path, closed):
+    line = f"percept fit '{SESSIONS}' --method classical --out '{tmp_path}/fit' {closed}"
+    ran = in_shell(line)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout.count("fit.json") == (closed == "2>&-")
+    refused = in_shell(f"percept nothing {closed}")
+    assert (refused.returncode, refused.stdout) == (2, "")
+
+
 @pytest.mark.parametrize(
     "line",
     ["percept doctor | true; exit ${PIPESTATUS[0]}",
