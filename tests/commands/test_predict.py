@@ -30,7 +30,11 @@ def test_extrapolation_is_said_in_both_forms(capsys):
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["--k", "1e4"], 2, "damping of the new environment is missing"),
+        (
+            ["--k", "1e4"],
+            2,
+            "damping of the new environment must be a positive number of N·s/m. Give it.",
+        ),
         (
             ["--k", "-1", "--b", "1"],
             2,

@@ -100,15 +100,15 @@ def test_steps_are_told(quick, tmp_path):
     quick.report(tmp_path / "out", progress=told.append)
     assert told == [
         "working out intervals",
-        "contrasting levels",
         "working out boundaries",
         "judging what can be rendered",
         "fitting the band law",
+        "trying other devices",
         "comparing the methods",
-        "checking the model",
+        "contrasting levels",
         "judging what feels real",
         "mapping couplings",
-        "trying other devices",
+        "checking the model",
         "writing tables",
         "writing the posterior",
         "drawing figures",
