@@ -157,12 +157,15 @@ def sources(
     Raises
     ------
     UsageError
-        There is no path.
+        There is no path, or one is a pattern: its files would be read as one study.
     """
     studies = dict.fromkeys(paths)
+    hint = "Name session files or folders, one per study."
     if not studies:
-        hint = "Name session files or folders, one per study."
         raise UsageError("no study was given.", hint=hint)
+    for path in studies:
+        if "*" in path and not Path(path).exists():
+            raise UsageError("a batch takes paths, not patterns.", value=path, hint=hint)
     return [StudySource(path, scene or Scene(), changes or {}) for path in studies]
 
 

@@ -61,11 +61,13 @@ def _fit(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(document)
         return verdict(study)
-    table = study.summary(None).head(_MOST_ROWS)
+    table = study.summary(None)
     if not table.empty:
         table = table.drop(columns=[name for name in table.columns if name.endswith("_estimate")])
         table = table.rename(columns={"environment": study.scene.environment_noun[0]})
-        print_table(table, digits=6)
+        print_table(table.head(_MOST_ROWS), digits=6)
+    if len(table) > _MOST_ROWS:
+        print(f"These are {_MOST_ROWS} of {len(table):,} rows; fit.json has all.")
     for part in results.skipped:
         show(f"Left out: {part.what} ({part.why.removesuffix('.')}).")
     loo = results.checks.loo if results.checks else None

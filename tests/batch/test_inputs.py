@@ -52,4 +52,7 @@ def test_what_cannot_be_read_names_the_path(tmp_path):
 def test_no_study_and_standard_input_are_wrong_usage():
     with pytest.raises(UsageError, match="no study was given"):
         sources([])
+    # One study of all these files would be another one.
+    with pytest.raises(UsageError, match=r"'lab/\*.csv': a batch takes paths, not patterns"):
+        sources(["lab/*.csv"])
     assert [one.path for one in sources(["a", "b", "a"])] == ["a", "b"]
