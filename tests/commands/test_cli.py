@@ -148,7 +148,8 @@ def test_fit_prints_the_methods_side_by_side(tmp_path, capsys):
     assert [line.split()[0] for line in printed[1:31]] == [
         f"E{e:02}" for e in range(1, 11) for _ in range(3)
     ]
-    assert printed[31].startswith("Left out: ")
+    assert printed[31] == "These are 30 of 48 rows; fit.json has all."
+    assert printed[32].startswith("Left out: ")
     document = json.loads((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
     (row,) = (
         row
