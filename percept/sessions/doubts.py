@@ -20,6 +20,10 @@ from percept.sessions.records import MOST_CONDITIONS, Factors, Found, shown
 
 #: Numbers that stand for a missing value: -999, 9999 and others of nines, in any unit.
 _CODE = re.compile(r"99+0*")
+#: Half a turn in units of angles, and names of logarithmic units.
+_HALF_TURNS = dict.fromkeys(("deg", "°", "degree", "degrees"), 180.0)
+_HALF_TURNS |= dict.fromkeys(("rad", "radian", "radians"), math.pi)
+_LOGARITHMIC = re.compile(r"db.*|bels?|np|phons?|cents?|semitones?|octaves?|decades?|ph")
 #: Different settings from which on two subjects who share them are hardly two people.
 _DIFFERENT = 4
 
@@ -202,6 +206,26 @@ def _pooled(study: Observed) -> Iterator[Found]:
         yield Found(text, column)
 
 
+def _without_ratios(study: Observed) -> Iterator[Found]:
+    """Warn of logarithms, and of angles that wrap: 350 and 10 deg lie beside each other."""
+    for quantity in study.adjusted:
+        column = f"{quantity.name}_adj"
+        reference = f"{quantity.name}_ref"
+        unit = quantity.unit.casefold()
+        largest = study.table[[reference, column]].abs().max().max()
+        wraps = largest > _HALF_TURNS.get(unit, math.inf)
+        is_logarithm = _LOGARITHMIC.fullmatch(unit) and study.table[reference].any()
+        if wraps or is_logarithm:
+            why = "reaches beyond half a turn and wraps" if wraps else "is a logarithm"
+            text = (
+                f"{quantity.label} in {quantity.unit} {why}, so that ratios of its values mean"
+                f" nothing. Analyse its errors: give {column} a column of adjusted − reference, set"
+                f' {reference} = 0 in [environments], family = "normal" in [inference] and'
+                f" scale = {{ {quantity.name} = 1.0 }} in [model]."
+            )
+            yield Found(text, column)
+
+
 def slips(study: Observed) -> Iterator[Found]:
     """Name adjustments that look mistyped, by quantity and in the order of the rows.
 
@@ -263,6 +287,7 @@ def _mistyped(
 
 _CHECKS: tuple[Callable[[Observed], Iterator[Found]], ...] = (
     _codes,
+    _without_ratios,
     _without_logarithm,
     slips,
     _copies,

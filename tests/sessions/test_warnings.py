@@ -122,6 +122,27 @@ OF_SCENES = {
         {"quantities": {"x": {"limits": [0.0, 65.0]}}},
         ["1 cell has no trial: '5 at 60'"],
     ),
+    "decibels": (
+        X + SCALE,
+        {"quantities": {"x": {"label": "size", "unit": "dB"}}},
+        ["size in dB is a logarithm, so that ratios of its values mean nothing."],
+    ),
+    "angles that wrap": (
+        X + "1,a,10,11\n2,a,10,355\n",
+        {"quantities": {"x": {"unit": "deg"}}},
+        ["x in deg reaches beyond half a turn and wraps, so that", "x = 355"],
+    ),
+    "angles within half a turn": (X + SCALE, {"quantities": {"x": {"unit": "deg"}}}, []),
+    "errors in decibels": (
+        "subject,environment,x_adj\n1,a,2.5\n2,a,-1.5\n3,a,0.5\n",
+        {
+            "quantities": {"x": {"unit": "dB"}},
+            "environments": {"a": {"x_ref": 0.0}},
+            "inference": {"family": "normal"},
+            "model": {"scale": {"x": 1.0}},
+        },
+        [],
+    ),
     "a reference for every trial": (
         X + "".join(f"{s},e{s}_{t},{t + s / 10},{t + 1}\n" for s in (1, 2) for t in range(1, 9)),
         {"quantities": {"x": {}}},
