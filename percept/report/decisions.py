@@ -16,6 +16,7 @@ from percept.report.basics import (
     short,
     spanned,
 )
+from percept.report.biases import drawn_said
 from percept.results import (
     ConfirmedCoupling,
     Rendered,
@@ -277,7 +278,8 @@ def coupling_sentences(results: Results) -> list[str]:
         sentences.append(
             f"Whether a coupling makes {_named(unknown, words)} feel real the data do not decide."
         )
-    return sentences
+    sentences.append(drawn_said(results))
+    return [said for said in sentences if said]
 
 
 def _coupling(coupling: ConfirmedCoupling) -> str:

@@ -139,7 +139,7 @@ def _environments(results: Results, names: Sequence[str]) -> Table:
             f" {percent(verdict.decision)} {measure}."
         )
     if len(names) > MOST_SHOWN:
-        caption += f" The first {MOST_SHOWN} of {len(names)}; the folds below have all."
+        caption += f" The first {MOST_SHOWN} of {len(names)}; the sections below have all."
     shown = names[:MOST_SHOWN]
     return table_of(caption, shown, columns | last, name="overview", csv="intervals")
 

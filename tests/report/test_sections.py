@@ -150,6 +150,7 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     for name in ("overview", "ratios"):
         assert by_name[name].description.endswith(said)
     assert said in parts["boundaries"].sentences
+    assert coupling_sentences(results)[-1] == said
     (table,) = parts["environments"].tables
     assert len(table.rows) == 10
-    assert table.caption.endswith("The first 10 of 60; the folds below have all.")
+    assert table.caption.endswith("The first 10 of 60; the sections below have all.")
