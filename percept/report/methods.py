@@ -51,6 +51,19 @@ _MODEL = {
 }
 
 #: The key of a work, in square brackets.
+#: What the device has, by the keys of a scene's `[device]`.
+_DEVICE = {
+    "mass": "a mass of {:g} kg",
+    "damping": "a damping of {:g} N·s/m",
+    "stiffness": "a spring of {:g} N/m",
+    "modes": "flexible modes ({})",
+    "response": "the measured impedance of {}",
+    "period": "a sampling period of {:g} s",
+    "hold": "the {} hold",
+    "delay": "a delay of {:g} samples",
+    "delay_seconds": "a delay of {:g} s",
+    "velocity_filter": "a velocity filter (Butterworth, {0[cutoff]:g} rad/s, order {0[order]})",
+}
 _KEY = re.compile(r"\[(\w+)\]")
 
 
@@ -261,20 +274,18 @@ def _displayed(results: Results) -> Iterator[str]:
     scene = results.provenance.scene
     words = results.data.words
     if results.boundaries:
-        device = dict(scene["device"])
-        low_pass = device.pop("velocity_filter", {})
-        device |= {f"filter {name}": value for name, value in low_pass.items()}
-        known = {name: one for name, one in device.items() if one and not isinstance(one, dict)}
+        device = scene["device"]
         described = [
-            f"{name.replace('_', ' ')} {len(one) if isinstance(one, list) else one}"
-            for name, one in known.items()
+            text.format(len(device[name]) if name == "modes" else device[name])
+            for name, text in _DEVICE.items()
+            if device.get(name)
         ]
         yield (
             "Boundaries of |Z_h| were computed with Tustin’s discretization from"
             f" {scene['frequency']['lower']:g} to {scene['frequency']['upper']:g} rad/s. The"
-            f" device, in SI units and samples: {', '.join(described)}."
+            f" device has {listed(described)}."
         )
-        if low_pass:
+        if "velocity_filter" in device:
             yield "Boundaries leave the velocity filter out: k and b are as adjusted."
         errors = [curve.error for curve in results.boundaries if curve.error is not None]
         if errors:

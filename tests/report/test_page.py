@@ -365,9 +365,9 @@ def test_the_loop_is_in_words_of_the_methods(classical):
     scene["inference"]["share"] = 0.75
     words = words_of(document)
     assert (
-        "The device, in SI units and samples: mass 1.0, damping 5.0, period 0.001, hold average,"
-        " delay 1.5, filter cutoff 300.0, filter order 2. Boundaries leave the velocity filter out:"
-        " k and b are as adjusted."
+        "The device has a mass of 1 kg, a damping of 5 N·s/m, a sampling period of 0.001 s, the"
+        " average hold, a delay of 1.5 samples and a velocity filter (Butterworth, 300 rad/s,"
+        " order 2). Boundaries leave the velocity filter out: k and b are as adjusted."
     ) in words
     assert "limits of a share of users hold 75 % of them with confidence 95 %" in words
 
