@@ -48,9 +48,9 @@ class Plan(NotebookRecord):
     """A number of subjects, and what it promises."""
 
     n: int  # Subjects; in each group where there are two
-    assurance: float  # Probability that a study of `n` subjects reaches what is wanted
-    #: Average over studies of the width (half-width of a mean or contrast), in the terms of what is
-    #: wanted; None of an equivalence.
+    assurance: float  # Probability that a study of `n` subjects reaches its aim
+    #: Average over studies of the width (half-width of a mean or contrast), as the aim is given;
+    #: None for an equivalence.
     expected: float | None
     covers: str  # What the plan promises, in plain words
 

@@ -115,10 +115,10 @@ def plot_boundary(
     if not boundaries:
         raise _nothing("boundary")
     of_environment = matching(unwidened(boundaries), environment=environment)
-    alike = alike_boundaries(of_environment, kind, families_from(family))
-    if not alike:
+    curves = alike_boundaries(of_environment, kind, families_from(family))
+    if not curves:
         raise _nothing(f"boundary of kind {kind} around {environment}")
-    return _plotted(ax, f"|Zₕ| of {environment} (N·s/m), kind {kind}", draw_magnitude, alike)
+    return _plotted(ax, f"|Zₕ| of {environment} (N·s/m), kind {kind}", draw_magnitude, curves)
 
 
 def plot_band(

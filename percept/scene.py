@@ -241,8 +241,8 @@ class StudyTable(Table):
 class ReportTable(Table):
     """What a report shows: its title and notes, and which curves.
 
-    `curves` is "family" for boundaries of the scene's family, or "all". Of an environment that has
-    none in this family, those of the other are drawn. Intervals are always of both.
+    `curves` is "family" for boundaries of the scene's family, or "all". An environment
+    without curves in this family has those of the other. Intervals come in both families.
     """
 
     title: str | None = None

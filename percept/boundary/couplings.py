@@ -199,7 +199,7 @@ def _missing(
     which: Indices,
     log_above: Array,
 ) -> Array:
-    """Return by how much the normal scores of shares within discs miss the one that is wanted.
+    """Return normal scores of the shares within discs, less the score sought.
 
     Some of n populations are asked for, each at a frequency of its own. A disc reaches as far above
     the least abs(Z_h) as its logarithm says.

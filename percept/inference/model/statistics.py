@@ -147,7 +147,7 @@ def from_trials(
     x : ndarray
         Decades of each cell's reference above their geometric mean, shape (P, J).
     parameters, environments, subjects : tuple of str
-        Labels; those of the cells are `environments`.
+        Labels; `environments` are those of the cells.
 
     Returns
     -------

@@ -178,7 +178,7 @@ def draw_band(
     band : Band
         With rows of the parameter.
     parameter : str or None
-        Whose bands; None for those of abs(Z_e).
+        Quantity of the bands; None for abs(Z_e).
     families : sequence of str
         In order of preference.
     quantities : mapping of str to Quantity
