@@ -31,10 +31,13 @@ from percept.inference.model.blocks import (
     solve_upper,
 )
 from percept.inference.model.scales import CellScales
+from percept.inference.model.statistics import Pattern
 
 Array = NDArray[np.float64]
 #: Few groups of combinations weigh few environments and cells, whose columns alone are worked out.
 _GROUPS_AT_ONCE = 16
+#: Share of squares that must be left where explained ones are subtracted: four digits are lost.
+_LEAST_LEFT = 1e-4
 #: From weights (L, R) to columns (W, L, K).
 Columns = Callable[[Array], Array]
 
@@ -182,16 +185,25 @@ class SubjectCovariance:
         of_cells = self._noise.whiten(self._unexplained(rows, effects))
         return np.concatenate([*of_cells, effects.swapaxes(0, 1)], axis=1)
 
-    def scatter_distance(self, rows: Array) -> Array:
-        """Sum of r'V⁻¹r over rows r (n, P, E) that all draws share, (W,)."""
+    def scatter_distance(self, pattern: Pattern) -> Array:
+        """Sum of r'V⁻¹r over the rows r of a pattern's scatter, (W,).
+
+        Squares of H'r are subtracted from those of r, except in draws where little would be left.
+        """
         effects, quantities, cells, width = self._weighted_effects.shape
+        rows = pattern.rows.swapaxes(0, 1)
         # One product of matrices: faster than a sum for each draw.
         by_cell = self._weighted_effects.reshape(effects, quantities * cells, width)
         products = rows.reshape(len(rows), quantities * cells) @ by_cell
-        best = solve_upper(self._factor, solve_lower(self._factor, products))
-        by_cell = self._noise.distance(self._unexplained(rows[..., None], best))
-        squares = np.einsum("qnw,qnw->w", best, best)
-        return np.asarray(by_cell.sum(axis=0) + squares)
+        explained = solve_lower(self._factor, products)
+        whole = self._noise.distance(tuple(pattern.triangles[..., None])).sum(axis=0)
+        left = whole - np.einsum("qnw,qnw->w", explained, explained)
+        is_lost = left < _LEAST_LEFT * whole
+        if is_lost.any():
+            few = SubjectCovariance(self._noise[:, is_lost], self._effects[..., is_lost])
+            by_row = few.whiten(rows[..., None])
+            left[is_lost] = np.einsum("nkw,nkw->w", by_row, by_row)
+        return np.asarray(left)
 
     def draw_effects(
         self,

@@ -86,20 +86,20 @@ class OneRow:
         subjects = np.zeros(cells)
         trials = np.ones(cells)
         mean = np.zeros((quantities, cells))
-        most_rows = max(pattern.rows.shape[1] for pattern in statistics.patterns)
-        rows = np.zeros((most_rows, quantities, cells))
+        triangles = np.zeros((quantities, quantities, cells))
         for pattern in statistics.patterns:
             present = pattern.environments
             subjects[present] = pattern.subjects
             trials[present] = pattern.trials
             mean[:, present] = pattern.mean
-            count = pattern.rows.shape[1]
-            rows[:count, :, present] = pattern.rows.swapaxes(0, 1)
+            triangles[..., present] = pattern.triangles
         #: (C, 1) Subjects of each cell: all the same if they have effects.
         self._subjects = subjects[:, None]
         self._trials = trials[:, None]
-        #: (n, P, C) Rows whose products sum to the scatter between subjects.
-        self._contrasts = rows
+        #: The pattern of all subjects; published limits have more.
+        self._pattern = statistics.patterns[0]
+        #: (P, P, C) Rows whose products sum to the scatter between subjects, cell by cell.
+        self._triangles = triangles
         self._own = basis.own
         self.matrix = basis.with_effects(design.effects, basis.deviations)
         #: (f + 1, P, C) Fixed columns, and the subjects' mean.
@@ -109,7 +109,7 @@ class OneRow:
         most_cells, environments = self._cells_of_environment.shape
         row_count = (quantities * most_cells + len(basis.own)) * environments
         numbers = (design.effects + len(self._fixed_and_mean)) * row_count
-        self.draws_per_pass = draws_at_once(max(numbers, self._contrasts.size))
+        self.draws_per_pass = draws_at_once(numbers)
 
     def log_density(self, scales: CellScales) -> Array:
         """Log density of all cell means, (W,), without powers of 2 pi and `Statistics.constant`.
@@ -160,11 +160,10 @@ class OneRow:
         """Log determinants and squares of the contrasts of subjects, summed over these: (W,)."""
         contrast_count = self._subjects[:, 0] - 1.0
         if not len(scales.effects):
-            by_quantity = self._contrasts.swapaxes(0, 1)[..., None]
-            squares = noise.distance(tuple(by_quantity)).sum(axis=0)
+            squares = noise.distance(tuple(self._triangles[..., None])).sum(axis=0)
             return np.asarray(squares + contrast_count @ noise.log_determinant())
         covariance = SubjectCovariance(noise, scales.effects)
-        squares = covariance.scatter_distance(self._contrasts)
+        squares = covariance.scatter_distance(self._pattern)
         return np.asarray(squares + contrast_count[0] * covariance.log_determinant)
 
     def _rows_of_single_cells(

@@ -89,7 +89,7 @@ class SeveralPatterns:
         for pattern, kinds in self._of_several:
             effects = scales.effects[:, :, pattern.environments]
             covariance = SubjectCovariance(solution.noise[kinds], effects)
-            value -= 0.5 * covariance.scatter_distance(pattern.rows.swapaxes(0, 1))
+            value -= 0.5 * covariance.scatter_distance(pattern)
             contrast_count = pattern.subjects - 1.0
             value -= 0.5 * contrast_count * covariance.log_determinant
         return np.asarray(value)

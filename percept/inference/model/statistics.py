@@ -39,6 +39,12 @@ class Pattern:
         """Number of subjects N."""
         return int(self.members.size)
 
+    @cached_property
+    def triangles(self) -> Array:
+        """Few rows whose products sum to the scatter in each cell by itself, (P, P, E)."""
+        by_cell = [triangle(rows) for rows in self.rows.transpose(2, 1, 0)]
+        return np.stack(by_cell).transpose(2, 1, 0)
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class TrialScatter:
