@@ -46,6 +46,9 @@ _GONE = 0.1
 _OF_NO_USE = math.log(10.0)
 # Laws within this factor in leave-one-out error are called equal.
 _ALIKE = 1.25
+# Errors within this factor are one but for rounding: offsets and powers both pass through two
+# sizes. The first law counts.
+_TIED = 1.0 + 1e-6
 # Bands that laws are fitted to with environments left out, at most. Of 160 environments a sixth of
 # the replicates are left, which is enough for medians.
 _MOST_REFITTED = 1 << 22
@@ -112,7 +115,8 @@ def band_laws(
         errors.append(np.sqrt(squares))
     medians = np.median(errors, axis=1).tolist()
     typical = dict(zip(LAWS, medians, strict=True))
-    winners = np.argmin(errors, axis=0)
+    least = np.min(errors, axis=0)
+    winners = np.argmax(errors <= _TIED * least, axis=0)
     _, offsets_without = left_out["offset"]
     carrier = _carrier(environments, drawn["offset"], offsets_without)
     tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
