@@ -147,8 +147,7 @@ class SubjectDensity:
             first = root[..., : self.environments]
             last = root[..., -self.environments :]
             predicted.covariance[:, members] = (first * last).sum(axis=1)[:, None]
-            # Of two parameters the first and the last entry are variances.
-            noise = np.stack(laws.noise[g].entries()[:: self.parameters])
+            noise = np.square(laws.noise[g].factor_columns()).sum(axis=0)
             shared = np.square(laws.effects[:, :, present]).sum(axis=0)
             variance = (noise + shared).transpose(2, 0, 1) + given[..., present]
             difference = means[:, :, present] - location[..., present]

@@ -14,7 +14,6 @@ from percept.inference.classical.variability import Bounded
 from percept.inference.left_out import SubjectDensity
 from percept.inference.model.gaussian import Moments
 from percept.inference.model.limits import Combinations, Limits, limits_of
-from percept.inference.model.model import Model
 from percept.inference.sampling.endpoints import batch_errors, mixture_limits
 from percept.inference.sampling.gate import Progress, Run, Settings
 from percept.results import Skipped
@@ -39,7 +38,7 @@ class Fit(Prepared):
         """Why the numbers are withheld, and which settings help; empty where they are not."""
         if self.passed:
             return ""
-        simpler = " or ".join(simpler_models(self.model))
+        simpler = " or ".join(simpler_models(self))
         helps = f" A model with fewer scales mixes faster: {simpler}." if simpler else ""
         return " ".join(self.run.gate.reasons) + helps
 
@@ -150,13 +149,14 @@ class RunStore(Protocol):
         """Keep the run of what is asked."""
 
 
-def simpler_models(model: Model) -> list[str]:
+def simpler_models(prepared: Prepared) -> list[str]:
     """Name the settings of the scene that leave a model fewer scales to sample."""
+    model = prepared.model
     settings = []
-    if model.takes_options and any(name.startswith("omega") for name in model.names):
-        settings.append("[model] common_spread = true")
     if any(name.startswith("omega_s") for name in model.names):
         settings.append("[model] subjects_trial_sd = false")
+    elif not prepared.data.scene.terms and any(name.startswith("omega") for name in model.names):
+        settings.append("[model] common_spread = true")
     names = list(dict.fromkeys(parameter for parameter, _ in model.cells))
     if len(names) == 2:
         settings.append(f'[inference] parameters = ["{names[0]}"] or ["{names[1]}"]')
@@ -177,7 +177,7 @@ def fitted(
         names = tuple(contrast.name for contrast in contrasts)
         rows = np.array([contrast.row for contrast in contrasts])
         further.append(Combinations(names, rows, kinds))
-    estimands = Limits(model, kinds=asked.kinds, **claim_of(asked), further=further)
+    estimands = Limits(model, kinds=asked.kinds, **claim_of(asked), further=tuple(further))
     settings = Settings(
         tolerance=asked.tolerance,
         seed=asked.seed,
@@ -185,7 +185,7 @@ def fitted(
         most_steps=asked.most_steps,
     )
     larger = f"[inference] tolerance above {asked.tolerance:g}"
-    quicker = ", or ".join([*simpler_models(model), larger])
+    quicker = ", or ".join([*simpler_models(prepared), larger])
 
     def report_state(state: Progress) -> None:
         if progress:

@@ -201,7 +201,7 @@ def _of_limits(data: Data, parameter: str) -> Prepared:
     statistics = from_summary(
         (mean - scale.centre) / scale.unit,
         sd / scale.unit,
-        counts.astype(float),
+        counts,
         decades(reference[None])[0],
         parameter=parameter,
         environments=data.environments,

@@ -359,14 +359,10 @@ def _of_subjects(
 
 def _slopes(fit: Fit, model: LinearModel, points: Array, over_all: Sequence[Measured]) -> _Rows:
     """Yield how the bias grows with the reference, where there are several."""
-    from percept.inference.model.predictions import trend_rows
-
     several = np.ptp(model.statistics.x, axis=1) > 0.0
     if not several.any():
         return
-    # Trends of all levels of factors have the same slope: the first one's tells it.
-    _, slope_rows = next(iter(trend_rows(model).values()))
-    slopes = fit.limits_of_laws(model.moments(points, slope_rows))
+    slopes = fit.limits_of_laws(model.moments(points, model.slope_rows))
     _, sd_of_subjects = model.scales(points).get("sigma_v:trend", ((), None))
     for p in np.flatnonzero(several).tolist():
         yield from over_all[p].rows("gamma", slopes[p])

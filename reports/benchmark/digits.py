@@ -182,7 +182,7 @@ def collapsed(response: Array, x: Array, levels: Levels) -> float:
     for name in ("rho_w", "rho_e", "rho_u"):
         rests[name] = np.full(1, levels.rest)
         named[name] = 1.0 - rests[name]
-    scales = model.coordinates.cell_scales(named, rests)
+    scales = model.coordinates.cell_scales(named, rests, model.design)
     return float(model.log_likelihood(scales)[0])
 
 

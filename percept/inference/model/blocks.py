@@ -36,37 +36,26 @@ class Block:
     """A covariance of one or two parameters per entry."""
 
     variances: Vector  # Of the first parameter, and of the second what the first leaves
-    slope: Array | None = None  # Of the second on the first; none of a single parameter
+    slope: Array | None = None  # Of the second on the first; none where they are independent
 
     def __getitem__(self, key: Any) -> Block:
         slope = None if self.slope is None else self.slope[key]
         return Block(tuple(part[key] for part in self.variances), slope)
 
     def __add__(self, other: Block) -> Block:
-        v1 = self.variances[0]
-        v2 = other.variances[0]
-        v = v1 + v2
-        if self.slope is None or other.slope is None:
-            return Block((v,))
-        difference = self.slope - other.slope
-        share = v2 / v
-        # The slope as a weighted mean: g1 - share (g1 - g2) would cancel where v2 is far above v1.
-        weighted = v1 * self.slope + v2 * other.slope
-        rest = self.variances[1] + other.variances[1]
-        rest = rest + v1 * share * difference * difference
-        return Block((v, rest), weighted / v)
-
-    def plus_diagonal(self, diagonal: Vector) -> Block:
-        """Return the sum with a diagonal block."""
-        leading = self.variances[0]
-        v = leading + diagonal[0]
+        """Add a block, or variances of independent parameters."""
+        pairs = zip(self.variances, other.variances, strict=True)
+        v, *rest = [first + second for first, second in pairs]
         if self.slope is None:
-            return Block((v,))
-        # v (g - s)² + d s² with s = g v/(v + d) is g² v d/(v + d), d the first variance added.
-        rest = self.variances[1] + diagonal[1]
-        squared_slope = self.slope * self.slope
-        rest = rest + squared_slope * leading * (diagonal[0] / v)
-        return Block((v, rest), self.slope * (leading / v))
+            return Block((v, *rest))
+        # Weighted means have no terms that cancel.
+        own_share = self.variances[0] / v
+        other_share = other.variances[0] / v
+        other_slope = 0.0 if other.slope is None else other.slope
+        difference = self.slope - other_slope
+        between = difference * difference * self.variances[0] * other_share
+        slope = self.slope * own_share + other_slope * other_share
+        return Block((v, rest[0] + between), slope)
 
     def scaled(self, factor: Array | float) -> Block:
         """Return the block times a positive number per entry."""
@@ -75,14 +64,6 @@ class Block:
     def log_determinant(self) -> Array:
         """Return the log determinant per entry."""
         return np.asarray(sum(np.log(part) for part in self.variances))
-
-    def entries(self) -> list[Array]:
-        """Distinct entries: of the first parameter, of both, of the second."""
-        v = self.variances[0]
-        if self.slope is None:
-            return [v]
-        cross = v * self.slope
-        return [v, cross, self.variances[1] + cross * self.slope]
 
     def solve(self, r: Vector) -> Vector:
         """Return the inverse times a vector."""
@@ -128,16 +109,14 @@ def block(
     rho: Array | None = None,
     one_minus_size: Array | None = None,
 ) -> Block:
-    """Build a covariance from standard deviations and, for two parameters, a correlation.
+    """Build a covariance from standard deviations and, for two parameters, their correlation.
 
     `one_minus_size` is 1 - abs(rho), with the digits that a correlation near one loses.
     """
     variances = tuple(part * part for part in sd)
-    if len(sd) == 1:
+    if rho is None or one_minus_size is None:
         return Block(variances)
     first, second = variances
-    if rho is None or one_minus_size is None:
-        return Block(variances, np.zeros_like(first))
     one_plus_size = 1.0 + np.abs(rho)
     unexplained = one_minus_size * one_plus_size  # 1 - rho²
     ratio = sd[1] / sd[0]

@@ -36,8 +36,6 @@ Indices = NDArray[np.intp]
 LEVEL = "level"
 #: Name of the term whose column is the decades of the reference; one environment has none.
 TREND = "trend"
-#: Fields of a design that hold terms.
-_TERMS = ("fixed", "deviation", "subject", "sd_between", "sd_trial", "effect_size")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,13 +102,11 @@ class Design:
         """Number of effects of a subject."""
         return self.parameters * sum(len(term.columns) for term in self.subject)
 
-    def identity(self) -> tuple[object, ...]:
+    def identity(self) -> dict[str, object]:
         """Return what decides a density: cells and columns, since the columns hold the factors."""
-        parts = [dataclasses.astuple(self.cells), dataclasses.astuple(self.options)]
-        for name in _TERMS:
-            terms: tuple[Term, ...] = getattr(self, name)
-            parts.append(tuple(dataclasses.astuple(term) for term in terms))
-        return tuple(parts)
+        fields = dataclasses.asdict(self)
+        del fields["factors"]
+        return fields
 
 
 def shows_subject_trends(present: NDArray[np.bool_], x: Array) -> bool:

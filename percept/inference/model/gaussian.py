@@ -323,15 +323,15 @@ class Law:
 
     def user_sd(self, weights: Array) -> Array:
         """SDs (W, L) of combinations of one user about the locations'; nothing is solved for."""
-        covariances = _covariances(self.user_columns, weights[:, None])
-        return np.sqrt(covariances[..., 0, 0])
+        of_users = group_covariances(self.user_columns, weights[:, None])
+        return np.sqrt(of_users[..., 0, 0])
 
     def joint(self, weights: Array) -> Joint:
         """Joint laws of groups of combinations, (groups, n, R)."""
         return Joint(
             mean=np.tensordot(self.mean, weights, axes=(1, 2)),
-            location=_covariances(self.columns, weights),
-            users=_covariances(self.user_columns, weights),
+            location=group_covariances(self.columns, weights),
+            users=group_covariances(self.user_columns, weights),
         )
 
     def draw(
@@ -359,16 +359,16 @@ def _drawn(
     return np.einsum("wlk,rwk->rwl", columns, normals)
 
 
-def _covariances(columns: Columns, weights: Array) -> Array:
+def group_covariances(columns: Columns, weights: Array) -> Array:
     """Covariances (W, groups, n, n) of groups of combinations (groups, n, R)."""
-    covariances = []
+    by_group = []
     for start in range(0, len(weights), _GROUPS_AT_ONCE):
         some = weights[start : start + _GROUPS_AT_ONCE]
         groups, count, locations = some.shape
         of_some = columns(some.reshape(groups * count, locations))
-        by_group = of_some.reshape(len(of_some), groups, count, -1)
-        covariances.append(by_group @ by_group.swapaxes(2, 3))
-    return np.concatenate(covariances, axis=1)
+        roots = of_some.reshape(len(of_some), groups, count, -1)
+        by_group.append(roots @ roots.swapaxes(2, 3))
+    return np.concatenate(by_group, axis=1)
 
 
 def user_columns(scales: CellScales, weights: Array) -> Array:

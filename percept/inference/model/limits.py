@@ -41,52 +41,31 @@ class Combinations:
     kinds: tuple[str, ...]
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits of a model's cells and of further combinations, all under one tolerance.
+    """Limits of a model's cells and of further combinations, all under one tolerance."""
 
-    Parameters
-    ----------
-    model : Model
-        Whose locations they are.
-    kinds : tuple of str
-        Of `KINDS`, for the cells.
-    level : float
-        Credibility of the intervals of the average user and of the next user.
-    share, confidence : float
-        The third kind holds this share of all users with this probability.
-    further : sequence of Combinations
-        Beside the cells.
-    """
+    model: Model  # Whose locations they are
+    _: dataclasses.KW_ONLY
+    kinds: tuple[str, ...] = KINDS  # Of `KINDS`, for the cells
+    level: float = 0.99  # Credibility of the intervals of the average user and of the next user
+    share: float = 0.99  # The third kind holds this share of all users
+    confidence: float = 0.95  # With this probability
+    further: tuple[Combinations, ...] = ()  # Beside the cells
 
-    def __init__(
-        self,
-        model: Model,
-        *,
-        kinds: tuple[str, ...] = KINDS,
-        level: float = 0.99,
-        share: float = 0.99,
-        confidence: float = 0.95,
-        further: Sequence[Combinations] = (),
-    ) -> None:
-        self.model = model
-        self.kinds = kinds
-        self.level = level
-        self.share = share
-        self.confidence = confidence
-        self._further = tuple(further)
-        self.groups = [(model.cells, kinds)]
-        self.groups += [(group.names, group.kinds) for group in further]
+    @property
+    def _groups(self) -> list[Combinations]:
+        cells = Combinations(self.model.cells, self.model.cell_rows, self.kinds)
+        return [cells, *self.further]
 
     def identity(self) -> tuple[object, ...]:
         """Return what beside the model decides the limits."""
-        further = [dataclasses.astuple(group) for group in self._further]
+        further = [dataclasses.astuple(group) for group in self.further]
         return ("limits", self.kinds, self.level, self.share, self.confidence, *further)
 
     def components(self, points: Array) -> Array:
         """Moments per draw of cells and further combinations, packed: shape (W, 3 L)."""
-        if not self._further:
-            return self.model.moments(points).pack()
-        rows = [self.model.cell_rows, *(group.rows for group in self._further)]
+        rows = [group.rows for group in self._groups]
         return self.model.moments(points, np.vstack(rows)).pack()
 
     def of(
@@ -113,13 +92,13 @@ class Limits:
         """Limits of one kind after another, with their influence; the scale is the half-width."""
         moments = Moments.unpack(components)
         first = 0
-        for names, kinds in self.groups:
-            last = first + len(names)
+        for group in self._groups:
+            last = first + len(group.names)
             of_group = moments.of(slice(first, last))
-            for kind in kinds if names else ():
+            for kind in group.kinds:
                 lower, upper, influence = self.of(kind, of_group)
-                lower_names = [_limit_name("lower", kind, name) for name in names]
-                upper_names = [_limit_name("upper", kind, name) for name in names]
+                lower_names = [_limit_name("lower", kind, name) for name in group.names]
+                upper_names = [_limit_name("upper", kind, name) for name in group.names]
                 estimates = Estimates(
                     names=(*lower_names, *upper_names),
                     value=np.concatenate([lower, upper]),

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from percept.errors import RefusalError
+from percept.inference.model.blocks import Block
 from percept.inference.model.design import Basis, Cells, Design, Factors, Options, design_of
 from percept.inference.model.gaussian import Columns, Joint, Law, Moments, joined, user_columns
 from percept.inference.model.one_row import OneRow, is_one_row
@@ -46,7 +47,6 @@ class Model(ABC):
     cell_rows: Array  # (cells, R) Weights of each cell's location by itself
     draws_per_pass: int  # Sets of coordinates worked on at once, so that the cache holds them
     priors_in_force: dict[str, float]  # By their names in `Priors`
-    takes_options: bool = True  # Whether `Options` make it simpler
     parts: list[LinearModel]  # Pooled models of which this is the product; none without pooling
 
     @abstractmethod
@@ -183,8 +183,6 @@ class LinearModel(Model):
             used.add("covariate_sd")
         by_name = vars(self.priors).items()
         self.priors_in_force = {name: value for name, value in by_name if name in used}
-        compares = bool(design.factors.terms or covariates)
-        self.takes_options = not compares and statistics.scatter.subject is None
         self.basis = Basis(design, len(covariates), self.priors.covariate_sd)
         self.locations = len(self.basis.matrix)
         self.cell_rows = np.eye(len(self.cells), self.locations)
@@ -210,6 +208,15 @@ class LinearModel(Model):
         """Weights (C, P, R) of the quantities of each cell."""
         by_quantity = self.cell_rows.reshape(self.design.parameters, -1, self.locations)
         return by_quantity.swapaxes(0, 1)
+
+    @property
+    def slope_rows(self) -> Array:
+        """Weights (P, R) of slopes over decades of the reference; for several environments."""
+        # Coefficients of fixed terms are the last locations: levels, slopes, and others.
+        levels = self.locations - len(self.basis.fixed)
+        slopes = levels + self.design.parameters
+        of_coefficients = np.eye(self.design.parameters, self.locations, slopes)
+        return self.priors.gamma_sd * of_coefficients
 
     def scales(self, points: Array) -> Named:
         """Scales and correlations by name at coordinates: dimensions and values, draws first."""
@@ -253,11 +260,11 @@ class LinearModel(Model):
         if self.resolution is None:
             return scales
         every_draw = self.resolution.between[..., None]
-        between = scales.between.plus_diagonal(tuple(every_draw))
+        between = scales.between + Block(tuple(every_draw))
         trial = scales.trial
         if trial is not None:
             by_group = self.resolution.trial[:, self.statistics.scatter.cell, None]
-            trial = trial.plus_diagonal(tuple(by_group))
+            trial = trial + Block(tuple(by_group))
         return dataclasses.replace(scales, between=between, trial=trial)
 
     def law(self, points: Array) -> Law:

@@ -174,7 +174,7 @@ class OneRow:
     ) -> tuple[Array, Array]:
         """Whitened columns (K + 1, P C, W), and log det of their noise (W,): a cell is a block."""
         variances = np.einsum("apc,aw->pcw", self._own**2, scales.tau**2)
-        covariance = noise.scaled(1.0 / self._subjects).plus_diagonal(tuple(variances))
+        covariance = noise.scaled(1.0 / self._subjects) + Block(tuple(variances))
         rows = _whitened(covariance, effects, self._fixed_and_mean)
         log_determinant = covariance.log_determinant().sum(axis=0)
         return rows.reshape(len(rows), -1, rows.shape[-1]), log_determinant

@@ -13,60 +13,28 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, special
+from scipy import linalg
 
 from percept.errors import RefusalError
 from percept.inference.model.blocks import Block
 from percept.inference.model.design import Design, columns_by_quantity, new_cells
-from percept.inference.model.gaussian import Joint, Law, SubjectCovariance, joined, user_columns
+from percept.inference.model.gaussian import (
+    Joint,
+    Law,
+    SubjectCovariance,
+    group_covariances,
+    joined,
+    user_columns,
+)
 from percept.inference.model.model import LinearModel, Model
 from percept.inference.model.priors import Named
-from percept.inference.model.scales import Scales, effect_columns
 
 Array = NDArray[np.float64]
-
-#: Real root of x³ = x + 1: multiples of its powers fill the square evenly (Roberts 2018), which
-#: `scipy.stats.qmc` does for numbers of points that are powers of two alone.
-_PLASTIC = 1.32471795724474602596
-_STEPS_IN_SQUARE = _PLASTIC ** np.array([-1.0, -2.0])
-#: Least probability whose normal score is taken: zero has none.
-_LEAST_PROBABILITY = 1e-12
 
 
 def new_name(condition: str) -> str:
     """Name the new environment in a condition."""
     return f"new ({condition})" if condition else "new"
-
-
-def trend_rows(model: LinearModel) -> dict[str, Array]:
-    """Weights (2, P, R) of the line over decades of the reference, by condition.
-
-    First is its height at the geometric mean of the references tested, second its slope per decade.
-
-    Raises
-    ------
-    RefusalError
-        With one environment.
-    """
-    _refuse_one_environment(model)
-    at_mean = np.zeros(model.design.parameters)
-    centre = new_cells(model.design, at_mean, model.priors)
-    a_decade_above = new_cells(model.design, at_mean + 1.0, model.priors)
-    heights = _location_rows(model, centre)
-    slopes = _location_rows(model, a_decade_above) - heights
-    rows = np.stack([heights, slopes], axis=1)
-    return dict(zip(centre.cells.names, rows, strict=True))
-
-
-def _location_rows(model: LinearModel, design: Design) -> Array:
-    """Weights (C, P, R) of the C cells of a design on the fixed terms' coefficients."""
-    quantities, cells = design.cells.x.shape
-    fixed = columns_by_quantity(design.fixed, design.cells.x)
-    rows = np.zeros((cells, quantities, model.locations))
-    # Coefficients are the last of the locations.
-    first = model.locations - len(fixed)
-    rows[..., first:] = fixed.transpose(2, 1, 0)
-    return rows
 
 
 def new_environment(
@@ -106,7 +74,11 @@ def new_environment(
     parts = []
     first = 0
     for linear, coordinates in model.split(points):
-        _refuse_one_environment(linear)
+        if len(linear.design.cells.environments) < 2:
+            raise RefusalError(
+                "one environment shows no trend to predict others from.",
+                hint="Add sessions with more reference environments.",
+            )
         last = first + linear.design.parameters
         design = new_cells(linear.design, x[first:last], linear.priors)
         laws = [
@@ -131,15 +103,6 @@ def _side_by_side(parts: list[Joint]) -> Joint:
     )
 
 
-def _refuse_one_environment(model: LinearModel) -> None:
-    """Refuse a study without a trend over environments."""
-    if len(model.design.cells.environments) < 2:
-        raise RefusalError(
-            "one environment shows no trend to predict others from.",
-            hint="Add sessions with more reference environments.",
-        )
-
-
 def _new_laws(
     model: LinearModel,
     points: Array,
@@ -150,59 +113,40 @@ def _new_laws(
     """Laws of a design's new cells, at the points of one pass."""
     scales = model.coordinates(points)
     quantities, cells = design.cells.x.shape
-    on_line = model.law(points).joint(_location_rows(model, design))
+    fixed = columns_by_quantity(design.fixed, design.cells.x)
+    rows = np.zeros((cells, quantities, model.locations))
+    # Coefficients are the last of the locations.
+    rows[..., -len(fixed) :] = fixed.T
+    on_line = model.law(points).joint(rows)
     deviation = columns_by_quantity(design.deviation, design.cells.x)
     variance = np.einsum("apc,aw->wcp", deviation**2, scales.cells.tau**2)
     location = on_line.location
     quantity = np.arange(quantities)
     location[..., quantity, quantity] += variance
-    effects = effect_columns(scales.cells.covariances, scales.cells.sizes, design)
-    of_effects = np.zeros((len(points), cells, quantities, quantities))
-    for column in effects:
-        of_effects += np.einsum("pcw,rcw->wcpr", column, column)
-    sd = _new_sds(model, scales, design, repeats, rng)
-    within_cell = sd[..., :, None] * sd[..., None, :]
-    rho = scales.named.get(model.coordinates.between.rho)
-    if rho is not None:
-        within_cell[..., 0, 1] *= rho[:, None, None]
-        within_cell[..., 1, 0] *= rho[:, None, None]
-    users = of_effects[:, None] + within_cell
+    columns = np.concatenate([term.columns for term in design.sd_between])
+    # The columns carry the prior SDs of their coefficients.
+    about_mean = np.einsum("kpc,pkw->pcw", columns, scales.multiples)
+    log_sigma = np.repeat(model.priors.log_s_mean + about_mean, repeats, axis=2)
+    named = _repeated(scales.named, repeats)
+    if model.coordinates.between.departures:
+        log_sigma += named["omega"][:, None] * rng.standard_normal(log_sigma.shape)
+    named["sigma"] = np.exp(log_sigma)
+    rests = _repeated(scales.rests, repeats)
+    of_users = model.coordinates.cell_scales(named, rests, design)
+    each_cell = np.eye(quantities * cells).reshape(quantities, cells, -1)
     return Joint(
         mean=np.repeat(on_line.mean, repeats, axis=0),
         location=np.repeat(location, repeats, axis=0),
-        users=users.reshape(-1, cells, quantities, quantities),
+        users=group_covariances(partial(user_columns, of_users), each_cell.swapaxes(0, 1)),
     )
 
 
-def _new_sds(
-    model: LinearModel,
-    scales: Scales,
-    design: Design,
+def _repeated(
+    by_name: dict[str, Array],
     repeats: int,
-    rng: np.random.Generator,
-) -> Array:
-    """SDs (W, repeats, C, P) of users within new cells, log sigma drawn about its mean."""
-    level = model.coordinates.between
-    named = scales.named
-    quantities, cells = design.cells.x.shape
-    width = len(scales.log_prior)
-    log_sigma = np.full((quantities, cells, width), model.priors.log_s_mean)
-    columns = [column for term in design.sd_between for column in term.columns]
-    for (name, prior), column in zip(level.coefficients.items(), columns, strict=True):
-        # The columns carry the prior SDs of their coefficients.
-        over_prior_sd = named[name] / getattr(model.priors, prior)
-        log_sigma += column[..., None] * over_prior_sd[:, None]
-    by_draw = np.repeat(log_sigma.T[:, None], repeats, axis=1)
-    if level.departures:
-        # Standard normals that fill the square evenly, `repeats` in turn for each draw.
-        numbers = np.arange(width * repeats)
-        steps = np.multiply.outer(numbers, _STEPS_IN_SQUARE[:quantities])
-        start = rng.random((cells, quantities))
-        uniforms = (steps[:, None] + start) % 1.0
-        normals = special.ndtri(np.clip(uniforms, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY))
-        omega = named["omega"].T[:, None, None]
-        by_draw += omega * normals.reshape(by_draw.shape)
-    return np.exp(by_draw)
+) -> dict[str, Array]:
+    """Repeat draws, which are last in all arrays, each by itself."""
+    return {name: np.repeat(values, repeats, axis=-1) for name, values in by_name.items()}
 
 
 class _Unobserved(LinearModel):

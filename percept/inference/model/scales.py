@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from percept.inference.model.blocks import Block, block
 from percept.inference.model.design import LEVEL, TREND, Design, Term
 from percept.inference.model.priors import Priors, correlation, half_normal
-from percept.inference.model.spreads import CellSpreads, numbered
+from percept.inference.model.spreads import CellSpreads, LogSpreads, numbered
 from percept.inference.model.statistics import Statistics
 from percept.inference.model.subject_spreads import SubjectSpreads
 
@@ -43,7 +43,7 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CellScales:
-    """All that the laws of the locations depend on, at W sets of coordinates.
+    """All that the laws of the locations and of users depend on, at W sets of coordinates.
 
     There are T groups of trials, q columns of a subject's effects, and a columns of the
     environments' own deviations.
@@ -51,9 +51,7 @@ class CellScales:
 
     between: Block  # (C, W) Covariance between subjects within a cell
     trial: Block | None  # (T, W) Covariance between the trials of a group; None without repeats
-    covariances: list[Block]  # (W,) Of subjects' effects over the quantities, one for each term
     effects: Array  # (q, P, C, W) Columns Z: what a unit of each subject's effect adds to a cell
-    sizes: list[Array]  # (P, K, W) Coefficients of each effect size term, over their prior SD
     slopes: list[Block]  # (W,) Of subjects' own slopes of covariates over the quantities
     tau: Array  # (a, W) SDs of the environments' own deviations, one for each column
 
@@ -63,31 +61,10 @@ class Scales:
     """Scales and correlations at W sets of coordinates."""
 
     named: dict[str, Array]  # By name: (W,), (P, W), (P, C, W), or (P, N, W) for phi
+    rests: dict[str, Array]  # (W,) 1 - abs(rho) of every correlation
     cells: CellScales  # As the locations need them
+    multiples: Array  # (P, K, W) Coefficients of log SDs between subjects over their prior SDs
     log_prior: Array  # (W,) Prior density of the coordinates
-
-
-def effect_columns(
-    covariances: list[Block],
-    sizes: list[Array],
-    design: Design,
-) -> list[Array]:
-    """Columns Z of the subjects' effects in a design's cells, (P, C, W) each.
-
-    An effect of a term adds its column, times a column of the root of its covariance over the
-    quantities, times the size of effects in the cell.
-    """
-    columns = []
-    for term, covariance in zip(design.subject, covariances, strict=True):
-        roots = [np.stack(root)[:, None] for root in covariance.factor_columns()]
-        for column in term.columns:
-            columns += [column[..., None] * root for root in roots]
-    if design.effect_size:
-        terms = zip(design.effect_size, sizes, strict=True)
-        log_size = sum(np.einsum("kpc,pkw->pcw", term.columns, size) for term, size in terms)
-        size = np.exp(log_size)
-        columns = [column * size for column in columns]
-    return columns
 
 
 class Coordinates:
@@ -236,7 +213,8 @@ class Coordinates:
             eta = self._by_quantity(f"eta:{term.name}", coordinates)
             named[f"eta:{term.name}"] = self._priors.psi_sd * eta
         unmoved = np.zeros((self._design.parameters, 1, len(points)))
-        log_prior += self._level_sds(self.between, coordinates, unmoved, named)
+        between = self._level_sds(self.between, coordinates, unmoved, named)
+        log_prior += between.log_density
         if self.trial is not None:
             shift = unmoved
             if self._subject_spreads is not None:
@@ -244,15 +222,22 @@ class Coordinates:
                 named["phi"], log_density = self._subject_spreads(of_subjects, named["omega_s"])
                 log_prior += log_density
                 shift = self._subject_spreads.cells_given(named["phi"])
-            log_prior += self._level_sds(self.trial, coordinates, shift, named)
-        return Scales(named, self.cell_scales(named, rests), log_prior)
+            log_prior += self._level_sds(self.trial, coordinates, shift, named).log_density
+        return Scales(
+            named=named,
+            rests=rests,
+            cells=self.cell_scales(named, rests, self._design),
+            multiples=between.multiples,
+            log_prior=log_prior,
+        )
 
     def cell_scales(
         self,
         named: Mapping[str, Array],
         rests: Mapping[str, Array],
+        design: Design,
     ) -> CellScales:
-        """Scales of the cells from scales and correlations by name.
+        """Scales of cells from scales and correlations by name.
 
         Parameters
         ----------
@@ -260,9 +245,10 @@ class Coordinates:
             Values as `Scales.named` has them. Of log SDs it needs the SDs alone.
         rests : mapping
             1 - abs(rho) of every correlation, with the digits that one near one loses.
+        design : Design
+            Of these cells: other ones than the coordinates' may have the same terms.
         """
-        sigma = named["sigma"]
-        width = sigma.shape[-1]
+        width = named["sigma"].shape[-1]
         trial: Block | None = None
         if self.trial is not None:
             # Of each group of trials, entries (T, W).
@@ -270,28 +256,28 @@ class Coordinates:
             if self._scatter.subject is not None:
                 of_groups = of_groups * np.exp(named["phi"][:, self._scatter.subject])
             trial = _covariance(of_groups, "rho_e", named, rests)
-        taus = []
-        for term in self._design.deviation:
-            # A term may have several columns, each once for every quantity.
-            taus += [named[_tau(term)]] * len(term.columns)
-        sizes = [
-            named[f"eta:{term.name}"] / self._priors.psi_sd for term in self._design.effect_size
-        ]
-        every = []
+        # A term may have several columns, each once for every quantity.
+        taus = [named[_tau(term)] for term in design.deviation for _ in term.columns]
+        covariances = []
         for suffix in self._effects:
             sd = named[f"sigma_{suffix}"]
-            every.append(_covariance(sd, f"rho_{suffix}", named, rests))
-        covariances = every[: len(self._design.subject)]
-        slopes = every[len(covariances) :]
-        effects = effect_columns(covariances, sizes, self._design)
+            covariances.append(_covariance(sd, f"rho_{suffix}", named, rests))
+        columns = []
+        for term, covariance in zip(design.subject, covariances, strict=False):
+            roots = [np.stack(root)[:, None] for root in covariance.factor_columns()]
+            for column in term.columns:
+                columns += [column[..., None] * root for root in roots]
+        effects = np.reshape(columns, (len(columns), *design.cells.x.shape, width))
+        for term in design.effect_size:
+            # The columns carry the prior SD of their coefficients.
+            size = named[f"eta:{term.name}"] / self._priors.psi_sd
+            effects = effects * np.exp(np.einsum("kpc,pkw->pcw", term.columns, size))
         return CellScales(
-            between=_covariance(sigma, "rho_w", named, rests),
+            between=_covariance(named["sigma"], "rho_w", named, rests),
             trial=trial,
-            covariances=covariances,
-            effects=np.reshape(effects, (len(effects), *self._design.cells.x.shape, width)),
-            sizes=sizes,
-            slopes=slopes,
-            tau=np.reshape(taus, (len(taus) * self._design.parameters, width)),
+            effects=effects,
+            slopes=covariances[len(design.subject) :],
+            tau=np.reshape(taus, (len(taus) * design.parameters, width)),
         )
 
     def _by_quantity(
@@ -309,8 +295,8 @@ class Coordinates:
         coordinates: Array,
         shift: Array,
         named: dict[str, Array],
-    ) -> Array:
-        """Name the SDs of one level, and return the log density of their coordinates, (W,).
+    ) -> LogSpreads:
+        """Name the SDs of one level, and return them.
 
         The rough likelihood is moved by a shift (P, C or 1, W).
         """
@@ -331,7 +317,7 @@ class Coordinates:
         for k, (name, prior) in enumerate(level.coefficients.items()):
             named[name] = spreads.multiples[:, k] * getattr(self._priors, prior)
         named[f"sigma{suffix}"] = np.exp(spreads.log_sigma)
-        return spreads.log_density
+        return spreads
 
 
 def _tau(term: Term) -> str:

@@ -1,6 +1,6 @@
 """Log SDs of all cells at one level, between subjects or between trials, from their coordinates.
 
-For one quantity the log SDs of C cells are
+For each of P quantities by itself the log SDs of C cells are
 
     log sigma = m + U h + omega e
 
@@ -79,8 +79,8 @@ def numbered(name: str, count: int) -> list[str]:
 class LogSpreads:
     """Log SDs at W sets of coordinates, and what they are made of."""
 
-    log_sigma: Array  # (C, W)
-    multiples: Array  # (K, W) h: coefficients over their prior SDs
+    log_sigma: Array  # (P, C, W)
+    multiples: Array  # (P, K, W) h: coefficients over their prior SDs
     log_density: Array  # (W,) Of the coordinates under the prior
 
 
@@ -137,17 +137,34 @@ class CellSpreads:
         self.centre = getattr(priors, f"log_s{suffix}_mean")
         columns = [term.columns for term in terms]
         no_columns = np.zeros((0, *design.cells.x.shape))
-        #: (P, K, C)
-        every_column = np.concatenate([no_columns, *columns])
-        self._loadings = np.moveaxis(every_column, 1, 0)
         if suffix:
             rough_mean, self.weight = _rough_of_trials(statistics)
         else:
             of_subjects = [term.columns for term in design.subject if term.name in names]
             subject_columns = np.concatenate([no_columns, *of_subjects])
             rough_mean, self.weight = _rough_between(statistics, subject_columns)
-        by_quantity = zip(self._loadings, rough_mean, self.weight, strict=True)
-        self._maps = [SpreadMap(self.centre, *of_quantity) for of_quantity in by_quantity]
+        every_column = np.concatenate([no_columns, *columns])
+        loadings = np.moveaxis(every_column, 1, 0)  # (P, K, C) U'
+        quantities, count, cells = loadings.shape
+        # Turn the columns: U' = rotation diag(sizes) directions. All formulas hold for the turned
+        # columns, which are orthogonal, and the turned coefficients rotation'h. Padded, so that
+        # few cells have K singular values too; no column is one of zeros.
+        width = max(count, 1)
+        padded = np.zeros((quantities, width, cells + width))
+        padded[:, :count, :cells] = loadings
+        rotation, sizes, directions = np.linalg.svd(padded, full_matrices=False)
+        self._sizes = sizes[..., None]  # (P, K, 1)
+        # A direction without size is arbitrary: it may even point into the padding.
+        within = directions[..., :cells]
+        self._directions = np.where(self._sizes > 0, within, 0.0)  # (P, K, C)
+        self._loadings = self._sizes * self._directions  # (P, K, C) U' turned
+        self._columns = self._loadings.swapaxes(1, 2)  # (P, C, K) U turned
+        products = self._loadings[:, :, None] * self._loadings[:, None]
+        #: (P, K K, C) Times x (P, C, W), these give the entries of U' diag(x) U.
+        self._products = products.reshape(quantities, -1, cells)
+        #: Rows of the rotation that have coordinates, (P, k, K).
+        self._rotated = rotation[:, :count]
+        self._rough_departure = (rough_mean - self.centre)[..., None]  # (P, C, 1) l - m
 
     def __call__(
         self,
@@ -161,103 +178,27 @@ class CellSpreads:
         Parameters
         ----------
         columns : ndarray
-            Coordinates of the coefficients, (P, K, W).
+            Coordinates of the coefficients, (P, k, W), standard normal.
         cells : ndarray
-            Coordinates of the cells' departures from their columns, (P, C, W).
+            Coordinates u of log sigma, (P, C, W).
         omega : ndarray
-            SDs of these departures, (P, W).
+            SDs of log sigma about the columns, (P, W).
         shift : ndarray
-            What is added to the means of the rough likelihood, (P, C or 1, W).
-        """
-        spreads = [
-            spread_map(columns[p], cells[p], omega[p], shift[p])
-            for p, spread_map in enumerate(self._maps)
-        ]
-        return LogSpreads(
-            log_sigma=np.stack([quantity.log_sigma for quantity in spreads]),
-            multiples=np.stack([quantity.multiples for quantity in spreads]),
-            log_density=np.sum([quantity.log_density for quantity in spreads], axis=0),
-        )
-
-    def without_departures(self, columns: Array) -> LogSpreads:
-        """Map coordinates (P, K, W) of the coefficients alone, which are standard normal."""
-        log_sigma = self.centre + np.einsum("pkc,pkw->pcw", self._loadings, columns)
-        return LogSpreads(log_sigma, columns, np.zeros(columns.shape[-1]))
-
-
-class SpreadMap:
-    """Map coordinates to the log SDs of one quantity at one level.
-
-    Parameters
-    ----------
-    centre : float
-        Prior mean m of log sigma.
-    loadings : ndarray
-        U', (K, C).
-    rough_mean, rough_weight : ndarray
-        Rough likelihood of log sigma, l and w, (C,); a cell of weight zero has none.
-    """
-
-    def __init__(
-        self,
-        centre: float,
-        loadings: Array,
-        rough_mean: Array,
-        rough_weight: Array,
-    ) -> None:
-        count, cells = loadings.shape
-        self._centre = centre
-        self._weight = rough_weight[:, None]  # (C, 1) w
-        self._rough_departure = (rough_mean - centre)[:, None]  # (C, 1) l - m
-        # Turn the columns: U' = rotation diag(sizes) directions. All formulas hold for the turned
-        # columns, which are orthogonal, and the turned coefficients rotation'h. Padded, so that
-        # few cells have K singular values too; no column is one of zeros.
-        width = max(count, 1)
-        padded = np.zeros((width, cells + width))
-        padded[:count, :cells] = loadings
-        self._rotation, sizes, directions = np.linalg.svd(padded, full_matrices=False)
-        self._sizes = sizes[:, None]  # (K, 1)
-        # A direction without size is arbitrary: it may even point into the padding.
-        within = directions[:, :cells]
-        self._directions = np.where(self._sizes > 0, within, 0.0)  # (K, C)
-        self._loadings = self._sizes * self._directions  # (K, C) U' turned
-        products = self._loadings[:, None] * self._loadings
-        #: (K K, C) Times x (C,), these give the entries of U' diag(x) U.
-        self._products = products.reshape(-1, cells)
-        #: Rows of the rotation that have coordinates, (k, K).
-        self._rotated = self._rotation[:count]
-
-    def __call__(
-        self,
-        coefficients: Array,
-        u: Array,
-        omega: Array,
-        shift: Array | float = 0.0,
-    ) -> LogSpreads:
-        """Map coordinates to log SDs at W sets of scales.
-
-        Parameters
-        ----------
-        trend : ndarray
-            Coordinates of the coefficients, (K, W), standard normal.
-        u : ndarray
-            Coordinates of log sigma, (C, W).
-        omega : ndarray
-            SD of log sigma about the columns, (W,).
-        shift : ndarray, optional
-            What is added to the rough means l, (C, W).
+            What is added to the means l of the rough likelihood, (P, C or 1, W).
         """
         rough_departure = self._rough_departure + shift
+        each_cell = omega[:, None]
         variance = omega * omega
-        precision = 1.0 + self._weight * variance  # s
-        weight = self._weight / precision  # q
-        scaled_u = u / np.sqrt(precision)
+        rough_weight = self.weight[..., None]
+        precision = 1.0 + rough_weight * variance[:, None]  # s
+        weight = rough_weight / precision  # q
+        scaled_u = cells / np.sqrt(precision)
         factor = lower_factor(add_to_diagonal(self._squares(weight), 1.0))  # L
         size = len(factor)
-        right = np.empty((size, size + 2, len(omega)))
+        right = np.empty((size, size + 2, *omega.shape))
         right[:, :-2] = self._squares(1.0 / precision)
-        right[:, -2] = self._loadings @ scaled_u
-        right[:, -1] = self._loadings @ (weight * rough_departure)
+        right[:, -2] = (self._loadings @ scaled_u).swapaxes(0, 1)
+        right[:, -1] = (self._loadings @ (weight * rough_departure)).swapaxes(0, 1)
         for_columns = factor[:, :, None]
         whitened = solve_lower(for_columns, right)
         g_u = whitened[:, -2]  # G'u
@@ -266,39 +207,47 @@ class SpreadMap:
         root = lower_factor(add_to_diagonal(b, variance), least=variance)  # F
         y = solve_lower(add_to_diagonal(root.copy(), omega), g_u)
         whitened_mean = whitened[:, -1]
-        h = solve_upper(factor, y + whitened_mean)
-        about_columns = self._loadings.T @ h  # U h
+        h = solve_upper(factor, y + whitened_mean).swapaxes(0, 1)
+        about_columns = self._columns @ h  # U h
         unexplained = rough_departure - about_columns
-        e = omega * weight * unexplained + scaled_u
+        e = each_cell * weight * unexplained + scaled_u
 
         # The prior covariance omega² I + UU' of log sigma is omega² I but along K directions.
         e_along = self._directions @ e
-        e_across = e - self._directions.T @ e_along
-        along = self._sizes * h + omega * e_along
-        variance_along = variance + self._sizes * self._sizes
+        e_across = e - self._directions.swapaxes(1, 2) @ e_along
+        along = self._sizes * h + each_cell * e_along
+        variance_along = variance[:, None] + self._sizes * self._sizes
         whitened_along = along / variance_along
-        squares = np.einsum("cw,cw->w", e_across, e_across)
-        squares += np.einsum("kw,kw->w", along, whitened_along)
+        squares = np.einsum("pcw,pcw->pw", e_across, e_across)
+        squares += np.einsum("pkw,pkw->pw", along, whitened_along)
         # Half of log det V less half of log det(omega² I + UU'): powers of omega cancel.
-        log_precision = np.log(precision).sum(axis=0)
-        log_variance = np.log(variance_along).sum(axis=0)
+        log_precision = np.log(precision).sum(axis=1)
+        log_variance = np.log(variance_along).sum(axis=1)
         log_density = log_diagonal(root) - 0.5 * (squares + log_precision + log_variance)
-        log_density -= 0.5 * _LOG_2PI * len(u)
+        log_density -= 0.5 * _LOG_2PI * cells.shape[1]
 
         # The turned coefficients are independent given log sigma, with these means and SDs.
         conditional_mean = self._sizes * whitened_along
-        conditional_sd = omega / np.sqrt(variance_along)
-        turned = conditional_mean + conditional_sd * (self._rotated.T @ coefficients)
+        conditional_sd = each_cell / np.sqrt(variance_along)
+        turned = conditional_mean + conditional_sd * (self._rotated.swapaxes(1, 2) @ columns)
         return LogSpreads(
-            log_sigma=self._centre + about_columns + omega * e,
+            log_sigma=self.centre + about_columns + each_cell * e,
             multiples=self._rotated @ turned,
-            log_density=log_density,
+            log_density=log_density.sum(axis=0),
         )
 
+    def without_departures(self, columns: Array) -> LogSpreads:
+        """Map coordinates (P, k, W) of the coefficients alone, which are standard normal."""
+        turned = self._rotated.swapaxes(1, 2) @ columns
+        log_sigma = self.centre + self._columns @ turned
+        return LogSpreads(log_sigma, columns, np.zeros(columns.shape[-1]))
+
     def _squares(self, weight: Array) -> Array:
-        """U' diag(x) U, (K, K, W), for weights x (C, W)."""
-        count = len(self._loadings)
-        return (self._products @ weight).reshape(count, count, -1)
+        """U' diag(x) U, (K, K, P, W), for weights x (P, C, W)."""
+        quantities, count, _ = self._loadings.shape
+        flat = self._products @ weight
+        by_quantity = flat.reshape(quantities, count, count, -1)
+        return by_quantity.transpose(1, 2, 0, 3)
 
 
 def _rough(

@@ -16,8 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from percept.errors import RefusalError
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -58,7 +56,9 @@ class TrialScatter:
     subject: Indices | None  # (T,) Subject of each group; None where subjects are pooled
     df: Array  # (T,) Degrees of freedom
     rows: Array  # (P, P, T) Rows of responses, less what covariates explain, as [quantity, row]
-    squares: Array  # (P, T) Sums of squares of the responses about their means
+    squares: (
+        Array  # (P, T) Sums of squares of the responses, less what subjects' own slopes explain
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,18 +92,48 @@ class Statistics:
     x: Array  # (P, J) log10 of each reference over the geometric mean of the references
     patterns: tuple[Pattern, ...]  # Distinct patterns of trial counts
     scatter: TrialScatter  # Between trials
-    group: Indices  # (N, J) Group of the scatter that a subject's trials in a cell belong to
-    trial_df: Array  # (J,) Degrees of freedom between trials, subjects pooled
-    trial_squares: Array  # (P, J) Sums of squares between trials, less subjects' own slopes
-    sd: Array  # (P, J) Between-subject SD of the cell means, zero where there is none
-    df: Array  # (P, J) Its degrees of freedom
     cell_means: Array  # (N, P, J) Cell means per subject, NaN where a subject has none
     covariates: Covariates | None = None
 
     @property
     def repeats(self) -> bool:
         """Whether any cell holds more than one trial."""
-        return bool(np.any(self.trial_df > 0))
+        return bool(np.any(self.scatter.df > 0))
+
+    @property
+    def trial_df(self) -> Array:
+        """Degrees of freedom between trials, subjects pooled, (J,)."""
+        return np.asarray(np.bincount(self.scatter.cell, self.scatter.df), dtype=float)
+
+    @property
+    def trial_squares(self) -> Array:
+        """Sums of squares between trials, subjects pooled, (P, J)."""
+        by_quantity = self.scatter.squares
+        return np.stack([np.bincount(self.scatter.cell, squares) for squares in by_quantity])
+
+    @property
+    def group(self) -> Indices:
+        """Group of the scatter that a subject's trials in a cell belong to, (N, J)."""
+        subjects, _, cells = self.cell_means.shape
+        group = np.tile(np.arange(cells), (subjects, 1))
+        scatter = self.scatter
+        if scatter.subject is not None:
+            group[scatter.subject, scatter.cell] = np.arange(len(scatter.cell))
+        return group
+
+    @property
+    def df(self) -> Array:
+        """Degrees of freedom of the cell means between subjects, (P, J)."""
+        return np.maximum(np.isfinite(self.cell_means).sum(axis=0) - 1.0, 0.0)
+
+    @cached_property
+    def sd(self) -> Array:
+        """SD of the cell means between subjects, (P, J), zero where there is none."""
+        mean = np.nanmean(self.cell_means, axis=0)
+        # Once more about that mean: equal values must have an SD of exactly zero.
+        mean += np.nanmean(self.cell_means - mean, axis=0)
+        squares = np.nansum(np.square(self.cell_means - mean), axis=0)
+        return np.sqrt(squares / np.maximum(self.df, 1.0))
 
     @cached_property
     def constant(self) -> float:
@@ -119,17 +149,10 @@ class Statistics:
 
     def without_scatter(self) -> Statistics:
         """Statistics of the same design before anything is observed."""
-        scatter = dataclasses.replace(
-            self.scatter,
-            rows=np.zeros_like(self.scatter.rows),
-            squares=np.zeros_like(self.scatter.squares),
-        )
-        return dataclasses.replace(
-            self,
-            scatter=scatter,
-            sd=np.zeros_like(self.sd),
-            trial_squares=np.zeros_like(self.trial_squares),
-        )
+        no_squares = np.zeros_like(self.scatter.squares)
+        scatter = dataclasses.replace(self.scatter, squares=no_squares)
+        equal_means = np.zeros_like(self.cell_means)
+        return dataclasses.replace(self, scatter=scatter, cell_means=equal_means)
 
 
 def from_trials(
@@ -158,39 +181,19 @@ def from_trials(
     Returns
     -------
     Statistics
-
-    Raises
-    ------
-    RefusalError
-        Fewer than two subjects.
     """
-    if len(subjects) < 2:
-        raise RefusalError(
-            f"one subject ({', '.join(subjects)}) shows no spread between subjects.",
-            hint="Add the sessions of at least one more subject.",
-        )
     counts, first, group = counts_of(subject, cell, len(environments))
-    means = group_means(response, group)
     by_cell = np.full((*counts.shape, len(parameters)), np.nan)
-    by_cell[subject[first], cell[first]] = means
+    by_cell[subject[first], cell[first]] = group_means(response, group)
     cell_means = np.ascontiguousarray(by_cell.swapaxes(1, 2))
-    sd, df = _sd_between(cell_means)
     _, pattern = np.unique(counts, axis=0, return_inverse=True)
-    triangles = triangles_of(response - means[group], cell, len(environments))
-    repeats = np.maximum(counts - 1.0, 0.0)
-    scatter = _pooled_scatter(triangles, repeats.sum(axis=0))
     return Statistics(
         parameters=parameters,
         environments=environments,
         subjects=subjects,
         x=np.asarray(x, dtype=float),
         patterns=patterns_of(counts, cell_means, pattern.ravel()),
-        scatter=scatter,
-        group=np.tile(scatter.cell, (len(subjects), 1)),
-        trial_df=scatter.df,
-        trial_squares=scatter.squares,
-        sd=sd,
-        df=df,
+        scatter=trial_scatter(response, subject, cell, pooled=True),
         cell_means=cell_means,
     )
 
@@ -198,43 +201,32 @@ def from_trials(
 def from_summary(
     mean: Array,
     sd: Array,
-    n: Array,
+    n: Indices,
     x: Array,
     *,
     parameter: str,
     environments: tuple[str, ...],
 ) -> Statistics:
-    """Take published means and SDs of one parameter, each (J,), as sufficient statistics.
+    """Take published means, SDs and numbers n of subjects, each (J,), as sufficient statistics.
 
-    Subjects are not known across environments: each environment is a pattern of its own.
+    Subjects are not known across environments. Each environment has n of its own, without names.
     """
-    patterns = []
-    for j, count in enumerate(n):
-        root_scatter = np.sqrt(count - 1.0) * sd[j]
-        pattern = Pattern(
-            environments=np.array([j]),
-            trials=np.ones(1),
-            members=np.arange(int(count)),
-            mean=np.reshape(mean[j], (1, 1)),
-            rows=np.reshape(root_scatter, (1, 1, 1)),
-        )
-        patterns.append(pattern)
-    cells = len(environments)
-    no_rows = np.zeros((cells, 1, 1))
-    scatter = _pooled_scatter(no_rows, np.zeros(cells))
-    return Statistics(
+    response = []
+    for of_mean, of_sd, count in zip(mean, sd, n, strict=True):
+        # Two values about the mean have all the scatter.
+        values = np.full(count, of_mean)
+        departure = np.sqrt((count - 1.0) / 2.0) * of_sd
+        values[0] += departure
+        values[1] -= departure
+        response.append(values)
+    return from_trials(
+        np.concatenate(response)[:, None],
+        np.arange(n.sum()),
+        np.repeat(np.arange(len(n)), n),
+        x[None],
         parameters=(parameter,),
         environments=environments,
         subjects=(),
-        x=np.reshape(x, (1, -1)),
-        patterns=tuple(patterns),
-        scatter=scatter,
-        group=np.empty((0, cells), dtype=np.intp),
-        trial_df=scatter.df,
-        trial_squares=scatter.squares,
-        sd=np.reshape(sd, (1, -1)),
-        df=np.reshape(n, (1, -1)) - 1.0,
-        cell_means=np.empty((0, 1, cells)),
     )
 
 
@@ -242,6 +234,8 @@ def trial_scatter(
     response: Array,
     subject: Indices,
     cell: Indices,
+    *,
+    pooled: bool = False,
 ) -> TrialScatter:
     """Reduce trials to their scatter in the cells of every subject.
 
@@ -252,16 +246,29 @@ def trial_scatter(
     subject, cell : ndarray of int
         Number of the subject and of the cell of each trial, shape (trials,).
 
+    pooled : bool
+        Whether subjects are pooled: groups are then the cells.
+
     Returns
     -------
     TrialScatter
     """
     _, first, group = counts_of(subject, cell, cell.max() + 1)
     departures = response - group_means(response, group)[group]
-    rows = triangles_of(departures, group, len(first))
+    cell_of_group = cell[first]
     df = np.bincount(group).astype(float) - 1.0
-    scatter = _pooled_scatter(rows, df)
-    return dataclasses.replace(scatter, cell=cell[first], subject=subject[first])
+    if pooled:
+        group = cell
+        df = np.bincount(cell_of_group, df).astype(float)
+        cell_of_group = np.arange(len(df))
+    triangles = triangles_of(departures, group, len(df))
+    return TrialScatter(
+        cell=cell_of_group,
+        subject=None if pooled else subject[first],
+        df=df,
+        rows=np.ascontiguousarray(triangles.transpose(2, 1, 0)),
+        squares=np.square(triangles).sum(axis=1).T,
+    )
 
 
 def counts_of(
@@ -310,17 +317,6 @@ def triangles_of(
     return np.stack(triangles)
 
 
-def _pooled_scatter(triangles: Array, df: Array) -> TrialScatter:
-    """Scatter between trials of the cells, subjects pooled, from triangles (T, P, P)."""
-    return TrialScatter(
-        cell=np.arange(len(df)),
-        subject=None,
-        df=df,
-        rows=np.ascontiguousarray(triangles.transpose(2, 1, 0)),
-        squares=np.square(triangles).sum(axis=1).T,
-    )
-
-
 def patterns_of(
     counts: Array,
     cell_means: Array,
@@ -350,18 +346,3 @@ def patterns_of(
         )
         patterns.append(one)
     return tuple(patterns)
-
-
-def _sd_between(cell_means: Array) -> tuple[Array, Array]:
-    """SD between subjects of the cell means (N, P, J), and its degrees of freedom, each (P, J)."""
-    present = np.isfinite(cell_means)
-    n = present.sum(axis=0)
-    divisor = np.maximum(n, 1)
-    mean = np.where(present, cell_means, 0.0).sum(axis=0) / divisor
-    # Once more about that mean: equal values must have an SD of exactly zero.
-    about_mean = np.where(present, cell_means - mean, 0.0)
-    mean = mean + about_mean.sum(axis=0) / divisor
-    about_mean = np.where(present, cell_means - mean, 0.0)
-    squares = np.square(about_mean).sum(axis=0)
-    sd = np.sqrt(squares / np.maximum(n - 1, 1))
-    return sd, np.maximum(n - 1.0, 0.0)

@@ -54,13 +54,11 @@ def by_subject(
         Its scatter between trials is less what the covariates explain.
     """
     _, subject, cell = trials
-    counts, first, _ = counts_of(subject, cell, len(statistics.environments))
+    counts, _, _ = counts_of(subject, cell, len(statistics.environments))
     patterns = patterns_of(counts, statistics.cell_means, np.arange(len(counts)))
     apart = dataclasses.replace(statistics, patterns=patterns)
     if own_trial_sds:
-        group = np.zeros_like(statistics.group)
-        group[subject[first], cell[first]] = np.arange(len(first))
-        apart = dataclasses.replace(apart, scatter=trial_scatter(*trials), group=group)
+        apart = dataclasses.replace(apart, scatter=trial_scatter(*trials))
     if values is None:
         return apart
     return _with_covariates(apart, trials, covariates, values)
@@ -101,23 +99,23 @@ def _with_covariates(
     )
     unexplained = triangles[:, varying:, varying:]
     quantities = response.shape[1]
-    if statistics.scatter.subject is None:
+    scatter = statistics.scatter
+    if scatter.subject is None:
         by_cell = np.repeat(cell[first], quantities)
         unexplained = triangles_of(unexplained.reshape(-1, quantities), by_cell, cells)
+        group = cell
     of_responses = departures[:, varying:]
     about_slopes = _about_own_slopes(departures[:, :varying], of_responses, subject, cell)
     by_quantity = np.square(about_slopes).T
-    squares = [np.bincount(cell, weights=column) for column in by_quantity]
-    rows = unexplained.transpose(2, 1, 0)
-    scatter = dataclasses.replace(statistics.scatter, rows=rows)
+    squares = [np.bincount(group, weights=column) for column in by_quantity]
     # As many slopes as degrees of freedom leave rounding alone.
-    informed_cells = statistics.trial_df > varying
-    return dataclasses.replace(
-        statistics,
-        scatter=scatter,
-        trial_squares=np.where(informed_cells, squares, 0.0),
-        covariates=of_covariates,
+    is_informed = statistics.trial_df[scatter.cell] > varying
+    scatter = dataclasses.replace(
+        scatter,
+        rows=unexplained.transpose(2, 1, 0),
+        squares=np.where(is_informed, squares, 0.0),
     )
+    return dataclasses.replace(statistics, scatter=scatter, covariates=of_covariates)
 
 
 def _about_own_slopes(

@@ -110,12 +110,12 @@ class Units:
         member = np.array([pattern.members[0] for pattern in patterns])
         group = statistics.group[member[self.pattern], cell]
         labels = np.stack([is_mean, cell, group, trials])
-        labels_of_kind, kind = np.unique(labels, axis=1, return_inverse=True)
+        _, example, kind = np.unique(labels, axis=1, return_index=True, return_inverse=True)
         self.kind = kind.ravel()
-        self._is_mean = labels_of_kind[0]
-        self._cell = labels_of_kind[1].astype(np.intp)
-        self._group = labels_of_kind[2].astype(np.intp)
-        self._trials = labels_of_kind[3]
+        self._is_mean = is_mean[example]
+        self._cell = cell[example]
+        self._group = group[example]
+        self._trials = trials[example]
         self.means_of_kind = np.bincount(self.kind) * self._is_mean
 
     def _number_unknowns(
@@ -185,24 +185,30 @@ class JointPrecision:
     data, and the joint entries (K + 1, K + 1, W) of these, of which the upper ones stay zero.
 
     Every entry is a fixed combination of the products v'D⁻¹w of two vectors of one kind. One sparse
-    matrix holds these combinations, and no draw walks over units.
+    matrix holds these combinations, and no draw walks over units. A unit that multiplies v by a for
+    one unknown, and w by b for another, adds a b to the entry of both.
     """
 
     def __init__(self, units: Units) -> None:
-        block_size, blocks = units.block_shape
-        in_blocks = block_size * blocks
+        size, blocks = units.block_shape
+        in_blocks = size * blocks
         columns = units.columns.tocoo()
-        numbers = columns.data
         others = columns.shape[1] - in_blocks
+        self._shapes = [
+            (size, size, blocks),
+            (size, others, blocks),
+            (others, others),
+        ]
+        #: Where blocks, cross terms and joint entries end among all entries.
+        self._ends = np.cumsum([math.prod(shape) for shape in self._shapes])
         unit_count = len(units.kind)
         kinds = len(units.means_of_kind)
         vectors = columns.shape[0] // unit_count
         vector, unit = np.divmod(columns.row, unit_count)
         with_vector = columns.col * vectors + vector
-        by_vector = sparse.csr_array((numbers, (with_vector, unit)))
-        kind = units.kind[unit]
-        with_kind = with_vector * kinds + kind
-        by_kind = sparse.csr_array((numbers, (unit, with_kind)))
+        by_vector = sparse.csr_array((columns.data, (with_vector, unit)))
+        with_kind = with_vector * kinds + units.kind[unit]
+        by_kind = sparse.csr_array((columns.data, (unit, with_kind)))
         # Summed over units: how often a pair of unknowns has a pair of vectors of a kind.
         pairs = (by_vector @ by_kind).tocoo()
         first, first_vector = np.divmod(pairs.row, vectors)
@@ -212,34 +218,26 @@ class JointPrecision:
         earlier = np.minimum(first_vector, second_vector)
         product = later * (later + 1) // 2 + earlier
         row, block = np.divmod(first, blocks)
+        other = second - in_blocks
         column = second // blocks
-        is_other = second >= in_blocks
-        in_block = (first < in_blocks) & ~is_other
-        in_cross = (first < in_blocks) & is_other
+        in_block = (row * size + column) * blocks + block
+        in_cross = (row * others + other) * blocks + block
+        in_joint = (first - in_blocks) * others + other
+        before_cross, before_joint, entries = self._ends
+        entry = np.where(
+            first < in_blocks,
+            before_cross + in_cross,
+            before_joint + in_joint,
+        )
+        entry = np.where(second < in_blocks, in_block, entry)
         # A cross term and its mirror, and joint entries below the diagonal, are taken once.
-        in_joint = is_other & (first >= second)
-        other_row = first - in_blocks
-        other_column = second - in_blocks
-        parts = [
-            (in_block, (row, column, block), (block_size, block_size, blocks)),
-            (in_cross, (row, other_column, block), (block_size, others, blocks)),
-            (in_joint, (other_row, other_column), (others, others)),
-        ]
-        self._shapes = [shape for _, _, shape in parts]
-        #: Where blocks, cross terms and joint entries end among all entries.
-        sizes = [math.prod(shape) for shape in self._shapes]
-        self._ends = np.cumsum(sizes)
+        is_lower = (in_blocks <= second) & (second <= first)
+        is_taken = is_lower | (first < in_blocks)
         products = vectors * (vectors + 1) // 2
-        combinations = []
-        for is_here, place, shape in parts:
-            here = [axis[is_here] for axis in place]
-            entry = np.ravel_multi_index(here, shape)
-            product_and_kind = product[is_here] * kinds + kind[is_here]
-            size = (math.prod(shape), products * kinds)
-            counted = (pairs.data[is_here], (entry, product_and_kind))
-            combinations.append(sparse.csr_array(counted, size))
+        place = (entry[is_taken], (product * kinds + kind)[is_taken])
+        shape = (entries, products * kinds)
         #: Numbers by entry, and by product of two vectors and kind.
-        self._combinations = sparse.vstack(combinations, format="csr")
+        self._combinations = sparse.csr_array((pairs.data[is_taken], place), shape)
 
     def __call__(
         self,

@@ -97,7 +97,7 @@ def scales_of(case, model):
         for name, (sign, rest) in zip(("rho_u", "rho_w", "rho_e"), case.rho, strict=True):
             named[name] = np.array([sign * (1.0 - rest)])
             rests[name] = np.array([rest])
-    return model.coordinates.cell_scales(named, rests)
+    return model.coordinates.cell_scales(named, rests, model.design)
 
 
 def reference(case, response, subject, environment, x, model):

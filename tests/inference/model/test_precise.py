@@ -64,7 +64,7 @@ def test_the_density_of_precise_data_has_its_digits(name, changes):
         rng = np.random.default_rng(6)
         for sd in {"sigma", "sigma_e"} & named.keys():
             named[sd] = 0.3 * cv * np.exp(rng.normal(0.0, 0.3, named[sd].shape))
-        found = model.log_likelihood(model.coordinates.cell_scales(named, {}))
+        found = model.log_likelihood(model.coordinates.cell_scales(named, {}, model.design))
         with mp.workdps(exact.DIGITS):
             for s in range(3):
                 scale = {name: values[..., s] for name, values in named.items()}

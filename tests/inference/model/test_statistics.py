@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.errors import RefusalError
 from percept.inference.model.design import Options
 from percept.inference.model.model import plain_model
 from percept.inference.model.statistics import from_summary, from_trials
@@ -106,10 +105,3 @@ def test_summary_is_the_likelihood_of_means_and_sds():
     points = rng.normal(size=(20, len(ours.names)))
     difference = ours(points) - other(points)
     np.testing.assert_allclose(difference, difference[0], rtol=1e-11, atol=1e-11)
-
-
-def test_refusals():
-    labels = {"parameters": ("k",), "environments": ("VE1",)}
-    x, code = np.zeros((1, 1)), np.zeros(2, dtype=int)
-    with pytest.raises(RefusalError, match=r"one subject \(S01\) shows no spread between subjects"):
-        from_trials(np.zeros((2, 1)), code, code, x, subjects=("S01",), **labels)
