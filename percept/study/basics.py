@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.record import Family
-from percept.scene import InferenceTable
-from percept.sessions.quantities import Quantities
+from percept.scene import InferenceTable, Scene
+from percept.sessions import Sessions
 
 Array = NDArray[np.float64]
 #: By parameter and environment, in the parameter's unit; NaN where there is none.
@@ -36,18 +36,18 @@ def claim_of(asked: InferenceTable) -> dict[str, Any]:
     return {"level": asked.level, "share": asked.share, "confidence": asked.confidence}
 
 
-def analysed_parameters(
-    present: tuple[str, ...], asked: tuple[str, ...] | None, quantities: Quantities
-) -> tuple[str, ...]:
-    """Return the parameters asked for, or all that were adjusted."""
+def analysed_parameters(sessions: Sessions, scene: Scene) -> tuple[str, ...]:
+    """Return the parameters that the scene names, or all that were adjusted."""
+    present = sessions.parameters
     if not present:
         raise RefusalError("no adjusted value is left in the data.")
-    if missing := sorted(set(asked or ()) - set(present)):
+    asked = scene.inference.parameters or present
+    if missing := sorted(set(asked) - set(present)):
         raise RefusalError(
-            f"the scene asks for {quantities[missing[0]].label}, which no session has.",
+            f"the scene asks for {sessions.quantities[missing[0]].label}, which no session has.",
             column=f"{missing[0]}_adj",
         )
-    return tuple(p for p in present if p in asked) if asked else present
+    return tuple(p for p in present if p in asked)
 
 
 def select(what: str, asked: str | Collection[str] | None, there: Sequence[str]) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -196,21 +196,17 @@ def _by_reference(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SubjectCells:
-    """One number of each of N subjects in a cell, such as the mean of the trials."""
+    """One number of each of N subjects in each of C cells, such as the mean of the trials."""
 
-    #: (N,) by environment and levels of the factors within subjects; NaN where there is none.
-    values: dict[tuple[str, ...], Array]
-    keys: tuple[tuple[str, ...], ...]  # Of each of the C cells among the values
-    cells: pd.DataFrame  # Environment and levels of each
+    #: (N, C) In a cell of another group stands the one of the subject's own; NaN without any.
+    values: Array
+    cells: pd.DataFrame  # (C rows) Environment and levels
     groups: dict[str, NDArray[np.object_]]  # (N,) Level of each factor between subjects
 
     def weighed(self, weights: Array) -> Array:
         """Sum each subject's weighted cells, (N,); NaN for subjects who lack a cell."""
-        total = np.zeros_like(self.values[self.keys[0]])
-        for key, weight in zip(self.keys, weights.tolist(), strict=True):
-            if weight:
-                total = total + weight * self.values[key]
-        return total
+        is_weighed = weights != 0.0
+        return self.values[:, is_weighed] @ weights[is_weighed]
 
     def at_level(self, level: Contrast) -> Array:
         """Each subject's mean at one level; NaN in other groups, and where a cell is lacking."""
@@ -220,19 +216,13 @@ class SubjectCells:
         return means
 
 
-def subject_cells(
-    numbers: Array, trials: Trials, sessions: Sessions, between: Collection[str]
-) -> SubjectCells:
-    """Lay out a number of each subject in each cell (N, C), of trials of one quantity.
-
-    Every subject has one level only of the factors `between`.
-    """
-    cells = cells_of(sessions, trials.environments)
-    keys = tuple(cells.drop(columns=[*between]).itertuples(index=False, name=None))
-    values: dict[tuple[str, ...], Array] = {}
-    for key, column in zip(keys, numbers.T, strict=True):
-        # Each subject is in one group, so that the parts of a cell have no subject twice.
-        values[key] = np.where(np.isfinite(column), column, values.get(key, np.nan))
+def subject_cells(data: Data, trials: Trials, numbers: Array) -> SubjectCells:
+    """Lay out a number of each subject in each cell (N, C), of trials of one quantity."""
+    between = data.conditions.between
+    cells = cells_of(data.sessions, trials.environments)
+    within = [cells[name] for name in cells if name not in between]
+    # Each subject is in one group: of cells that differ in groups alone one has a number.
+    values = pd.DataFrame(numbers.T).groupby(within).transform("first")
     first_cell = (trials.counts > 0.0).argmax(axis=1)
     groups = {name: cells[name].to_numpy(dtype=object)[first_cell] for name in between}
-    return SubjectCells(values, keys, cells, groups)
+    return SubjectCells(values.to_numpy().T, cells, groups)

@@ -243,9 +243,7 @@ def at_typical_references(sessions: Sessions, scene: Scene) -> Sessions:
 
 def _varying(sessions: Sessions, scene: Scene) -> str:
     """Name the one column of references that vary within environments; refuse none, or several."""
-    asked = scene.inference.parameters
-    parameters = analysed_parameters(sessions.parameters, asked, sessions.quantities)
-    columns = [f"{parameter}_ref" for parameter in parameters]
+    columns = [f"{parameter}_ref" for parameter in analysed_parameters(sessions, scene)]
     counts = sessions.table.groupby("environment")[columns].nunique().max()
     varying = [column for column in columns if counts[column] > 1]
     key = "model.bias"

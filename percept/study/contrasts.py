@@ -16,6 +16,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -39,7 +40,6 @@ from percept.inference.classical.moments import Moments
 from percept.inference.classical.variability import Bounded, log_sd
 from percept.inference.record import Interval, Kind, Method
 from percept.results import AnovaRow, ContrastRow, LevelValues, Skipped
-from percept.sessions.records import Factors
 from percept.study.basics import Array, Stream, claim_of, generator, known
 from percept.study.comparisons import (
     ENVIRONMENT,
@@ -49,7 +49,6 @@ from percept.study.comparisons import (
     level_means,
     subject_cells,
 )
-from percept.study.conditions import Conditions
 from percept.study.data import Data
 from percept.study.responses import Trials
 
@@ -79,7 +78,6 @@ def contrast_row(
     *,
     kind: Kind = "mean",
     method: Method,
-    together: ArrayLike = (np.nan, np.nan),
     unit: str | None = None,
     **evidence: Any,
 ) -> ContrastRow:
@@ -89,10 +87,11 @@ def contrast_row(
     `evidence` are p-value, probability, d_z and error by their names in the row.
     """
     asked = data.asked
-    numbers = np.concatenate([ends, together])
+    numbers = np.asarray(ends)
     if unit is None and not contrast.is_ratio:
         numbers, unit = data.differences(contrast.parameter, numbers)
-    lower, upper, estimate, lower_together, upper_together = numbers.tolist()
+    lower, upper, estimate, *together = numbers.tolist()
+    lower_together, upper_together = map(known, together or (math.nan, math.nan))
     further: Any = {name: getattr(contrast, name) for name in _SAME} | evidence
     return ContrastRow(
         **further,
@@ -105,8 +104,8 @@ def contrast_row(
         lower=lower,
         upper=upper,
         estimate=estimate,
-        lower_together=known(lower_together),
-        upper_together=known(upper_together),
+        lower_together=lower_together,
+        upper_together=upper_together,
         unit=unit or "",
         n=n,
     )
@@ -132,12 +131,12 @@ def classical_contrasts(data: Data) -> Iterator[ContrastRow | Skipped]:
         except RefusalError as refused:
             yield Skipped(f"contrasts of {label}", str(refused))
             continue
-        means = _means(data, trials)
+        means = subject_cells(data, trials, trials.statistics.cell_means[:, 0])
         log_sds = means
         if conditions.precision:
             values, equal = _log_sds(trials, label)
             yield from equal
-            log_sds = subject_cells(values, trials, data.sessions, conditions.between)
+            log_sds = subject_cells(data, trials, values)
         for found in compared(data, trials, parameter):
             if isinstance(found, Skipped):
                 yield found
@@ -145,12 +144,6 @@ def classical_contrasts(data: Data) -> Iterator[ContrastRow | Skipped]:
                 yield from _classical(data, f"precision of {label}", found, log_sds)
             else:
                 yield from _classical(data, label, found, means)
-
-
-def _means(data: Data, trials: Trials) -> SubjectCells:
-    """Each subject's means of one quantity in the cells of all factors, as responses."""
-    means = trials.statistics.cell_means[:, 0]
-    return subject_cells(means, trials, data.sessions, data.conditions.between)
 
 
 def _log_sds(trials: Trials, label: str) -> tuple[Array, list[Skipped]]:
@@ -244,19 +237,11 @@ def posterior_contrasts(fit: Fit) -> Iterator[ContrastRow | Skipped]:
         first = last
     for of, ratios_of in (("spread", _spread_ratios), ("precision", _trial_sd_ratios)):
         ratios = [contrast for contrast in fit.contrasts if contrast.of == of]
-        if not ratios:
-            continue
-        drawn = ratios_of(fit, np.stack([contrast.row for contrast in ratios]))
-        for contrast, draws in zip(ratios, drawn, strict=True):
+        for contrast, draws in zip(ratios, ratios_of(fit, ratios), strict=True):
             limits = fit.limits_of_draws(draws)
-            yield contrast_row(
-                fit.data,
-                contrast,
-                ends_of(limits),
-                contrast.subjects,
-                method="bayesian",
-                error=limits.error,
-            )
+            ends = ends_of(limits)
+            n = contrast.subjects
+            yield contrast_row(fit.data, contrast, ends, n, method="bayesian", error=limits.error)
 
 
 def _rows(
@@ -270,7 +255,8 @@ def _rows(
     estimate = laws.mean.mean(axis=0)
     together = _limits_together(fit, contrasts, kinds, laws)
     for kind in kinds:
-        lower, upper = limits_of(found.names, found.value, kind, names)
+        limits = limits_of(found.names, found.value, kind, names)
+        ends = np.column_stack([*limits, estimate, together[kind]])
         user_sd = laws.population_sd if kind == "user" else 0.0
         above = special.ndtr(laws.mean / np.hypot(laws.sd, user_sd)).mean(axis=0)
         for i, contrast in enumerate(contrasts):
@@ -280,31 +266,25 @@ def _rows(
             if kind == "mean" and contrast.is_of_users:
                 d_z = np.median(laws.mean[:, i] / laws.population_sd[:, i])
                 evidence["d_z"] = float(d_z)
+            n = contrast.subjects
             yield contrast_row(
-                fit.data,
-                contrast,
-                [lower[i], upper[i], estimate[i]],
-                contrast.subjects,
-                kind=kind,
-                method="bayesian",
-                together=together.get((kind, i), (np.nan, np.nan)),
-                **evidence,
+                fit.data, contrast, ends[i], n, kind=kind, method="bayesian", **evidence
             )
 
 
 def _limits_together(
     fit: Fit, contrasts: Sequence[Contrast], kinds: Sequence[Kind], laws: gaussian.Moments
-) -> dict[tuple[Kind, int], Array]:
-    """Limits within which all contrasts of a family lie, by kind and number of the contrast."""
+) -> dict[Kind, Array]:
+    """Limits within which all contrasts of a family lie, (L, 2) by kind; NaN without a family."""
     from percept.inference.model.limits import Limits, level_together
 
+    found = {kind: np.full((len(contrasts), 2), np.nan) for kind in kinds}
     # Levels and slopes have no family.
     by_term: dict[tuple[str, str], list[int]] = {}
     for number, contrast in enumerate(contrasts):
         if contrast.of in ("bias", "interaction"):
             by_term.setdefault((contrast.parameter, contrast.factor), []).append(number)
     families = [members for members in by_term.values() if len(members) > 1]
-    found: dict[tuple[Kind, int], Array] = {}
     if not families:
         return found
     asked = fit.data.asked
@@ -328,33 +308,25 @@ def _limits_together(
             values = next_users
         level = level_together(drawn.mean, sd, values[:, members], asked.level)
         lower, upper, _ = Limits(fit.model, level=level).of(kind, laws.of(members))
-        ends = np.stack([lower, upper], axis=1)
-        for number, of_member in zip(members, ends, strict=True):
-            found[kind, number] = of_member
+        found[kind][members] = np.stack([lower, upper], axis=1)
     return found
 
 
-def _spread_ratios(fit: Fit, rows: Array) -> Array:
-    """Ratios of the SDs between users, (L, S), with weights (L, R), at every draw."""
-    sides = np.concatenate([np.maximum(rows, 0.0), np.maximum(-rows, 0.0)])
-    of_sides = fit.model.user_sds(fit.every_point, sides).T
-    above, below = np.split(of_sides, 2)
-    return np.asarray(above / below)
+def _spread_ratios(fit: Fit, contrasts: Sequence[Contrast]) -> Sequence[Array]:
+    """Draws (S,) of each contrast's ratio of SDs between users."""
+    if not contrasts:
+        return []
+    rows = np.array([contrast.row for contrast in contrasts])
+    above = fit.model.user_sds(fit.every_point, np.maximum(rows, 0.0))
+    below = fit.model.user_sds(fit.every_point, np.maximum(-rows, 0.0))
+    return list((above / below).T)
 
 
-def _trial_sd_ratios(fit: Fit, rows: Array) -> Array:
-    """Ratios of geometric means of trial SDs, (L, S), with weights (L, R), at every draw."""
-    points = fit.every_point
-    log_sds = []
-    for model, coordinates in fit.model.split(points):
-        # Locations that are no cells have none.
-        of_locations = np.zeros((len(points), model.locations))
-        scales = model.scales(coordinates)
-        if "sigma_e" in scales:
-            _, sd = scales["sigma_e"]
-            of_locations[:, : len(model.cells)] = np.log(sd).reshape(len(points), -1)
-        log_sds.append(of_locations)
-    return np.exp(rows @ np.hstack(log_sds).T)
+def _trial_sd_ratios(fit: Fit, contrasts: Sequence[Contrast]) -> Iterator[Array]:
+    """Draws (S,) of each contrast's ratio of geometric means of SDs between trials."""
+    for contrast in contrasts:
+        of_cells = [sd for cell, sd in fit.trial_sds.items() if cell[0] == contrast.parameter]
+        yield np.exp(contrast.weights @ np.log(of_cells))
 
 
 def _with_means(data: Data) -> Iterator[tuple[str, Trials, SubjectCells]]:
@@ -362,7 +334,7 @@ def _with_means(data: Data) -> Iterator[tuple[str, Trials, SubjectCells]]:
     for parameter in data.parameters if data.sessions.factors else ():
         with suppress(RefusalError):
             trials = data.trials(parameter)
-            yield parameter, trials, _means(data, trials)
+            yield parameter, trials, subject_cells(data, trials, trials.statistics.cell_means[:, 0])
 
 
 def level_values(data: Data) -> Iterator[LevelValues]:
@@ -386,15 +358,13 @@ def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
 
     Each term is tested by itself, and as it differs between references.
     """
-    factors = data.sessions.factors
-    conditions = data.conditions
-    if factors is None or not conditions.factors or data.asked.method == "bayesian":
+    if data.asked.method == "bayesian":
         return
     # As sets: a:b and b:a are one term.
-    terms = {frozenset(term) for term in conditions.terms}
+    terms = {frozenset(term) for term in data.conditions.terms}
     for parameter, trials, cells in _with_means(data):
         try:
-            effects = _effects(cells, trials, factors, conditions)
+            effects = _effects(data, trials, cells)
         except RefusalError as refused:
             what = f"analysis of variance of {data.quantities[parameter].label}"
             yield Skipped(what, str(refused))
@@ -408,22 +378,26 @@ def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
                 yield AnovaRow(parameter=parameter, family=data.asked.family, n=n, **numbers)
 
 
-def _effects(
-    cells: SubjectCells, trials: Trials, factors: Factors, conditions: Conditions
-) -> Sequence[Effect]:
+def _effects(data: Data, trials: Trials, cells: SubjectCells) -> Sequence[Effect]:
     """Test subjects' means: an axis for the references, and one for each factor within subjects.
 
     The factor between subjects, of which there is one at most, puts each into a group.
     """
-    if len(conditions.between) > 1:
+    factors = data.sessions.factors
+    assert factors is not None
+    if len(cells.groups) > 1:
         raise RefusalError("it compares the groups of one column only")
-    axes: dict[str, Sequence[str]] = {ENVIRONMENT: tuple(factors.environments)}
-    for name, levels in factors.levels.items():
-        if name not in conditions.between:
-            axes[name] = levels
+    axes = {ENVIRONMENT: tuple(factors.environments), **factors.levels}
+    between = next(iter(cells.groups), "")
+    group = None
+    if between:
+        del axes[between]
+        group, _ = pd.factorize(cells.groups[between])
+    names = cells.cells[[*axes]].itertuples(index=False, name=None)
+    by_cell = dict(zip(names, cells.values.T, strict=True))
     keys = list(itertools.product(*axes.values()))
     lacking = np.full(len(trials.subjects), np.nan)
-    values = np.stack([cells.values.get(key, lacking) for key in keys], axis=1)
+    values = np.stack([by_cell.get(key, lacking) for key in keys], axis=1)
     missing = np.argwhere(np.isnan(values))
     if len(missing):
         row, column = missing[0].tolist()
@@ -441,7 +415,5 @@ def _effects(
         )
     if len(factors.environments) == 1:
         del axes[ENVIRONMENT]
-    values = values.reshape(len(values), *(len(levels) for levels in axes.values()))
-    between = next(iter(conditions.between), "")
-    group = pd.factorize(cells.groups[between])[0] if between else None
+    values = values.reshape(len(values), *map(len, axes.values()))
     return anova(values, tuple(axes), group=group, between=between)

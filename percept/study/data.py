@@ -88,8 +88,7 @@ class Data:
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Parameters analysed: those the scene names, or all that were adjusted."""
-        asked = self.asked.parameters
-        return analysed_parameters(self.sessions.parameters, asked, self.quantities)
+        return analysed_parameters(self.sessions, self.scene)
 
     @property
     def environments(self) -> tuple[str, ...]:
@@ -109,16 +108,9 @@ class Data:
     @cached_property
     def reference(self) -> References:
         """Reference per (parameter, environment), in the parameter's unit; NaN where none is."""
-        table = self.sessions.table
-        if self.sessions.form == "summary":
-            wide = table.pivot(index="environment", columns="parameter", values="reference")
-        else:
-            columns = [f"{parameter}_ref" for parameter in self.parameters]
-            wide = table.groupby("environment")[columns].first()
-            wide.columns = pd.Index(self.parameters)
-        wide = wide.reindex(index=self.environments, columns=self.parameters)
-        cells = itertools.product(self.parameters, self.environments)
-        return dict(zip(cells, wide.to_numpy(dtype=float).T.ravel().tolist(), strict=True))
+        # Some of published limits have no reference at all.
+        wide = self.sessions.references.reindex(self.environments).astype(float).to_dict()
+        return {(p, name): wide[p][name] for p in self.parameters for name in self.environments}
 
     def by_difference(self, parameter: str) -> bool:
         """Whether a reference is zero or negative, so that settings are compared by differences."""
@@ -188,10 +180,9 @@ class Data:
         """Make a cell of its moments, or of why there are none."""
         quantity = self.quantities[parameter]
         try:
-            moments = self._moments(parameter, environment, family)
+            return Cell(quantity, environment, self._moments(parameter, environment, family))
         except RefusalError as refused:
             return Cell(quantity, environment, None, refused.message)
-        return Cell(quantity, environment, moments)
 
     def _moments(self, parameter: str, environment: str, family: Family) -> Moments:
         """Moments of published limits, or of the subjects' means; RefusalError without scatter."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,6 @@ from percept.results import Equivalence, EquivalenceRow, Skipped
 from percept.sessions.quantities import amount_in
 from percept.study.basics import Array
 from percept.study.data import Cell, Data
-from percept.study.psychophysics import scales_of
 
 # The classical method does without the model.
 if TYPE_CHECKING:
@@ -27,17 +26,9 @@ _SURE = 2.0
 
 def classical_equivalence(data: Data) -> Iterator[EquivalenceRow | Skipped]:
     """Yield whether biases are within one JND, by two one-sided tests of size 1 - decision."""
-    jnds = _jnds_of(data)
     for cell in data.cells[data.asked.family]:
-        if cell.parameter in jnds:
+        if cell.parameter in data.scene.study.jnd:
             yield _tested(data, cell)
-
-
-def _jnds_of(data: Data) -> Mapping[str, float | str]:
-    """JNDs that the scene gives, by quantity; none where no quantity has a reference."""
-    quantities = data.sessions.options.quantities.values()
-    has_reference = any(quantity.is_matched for quantity in quantities)
-    return data.scene.study.jnd if has_reference else {}
 
 
 def _tested(data: Data, cell: Cell) -> EquivalenceRow | Skipped:
@@ -122,29 +113,24 @@ def _row(
 
 def posterior_equivalence(fit: Fit) -> Iterator[EquivalenceRow | Skipped]:
     """Yield whether biases are smaller than one JND, by their posterior probability."""
-    jnds = _jnds_of(fit.data)
-    trial_sds: dict[tuple[str, str], Array] = {}
-    for model, points in fit.model.split(fit.every_point) if "trials" in jnds.values() else ():
-        draws = scales_of(model, points).get("sigma_e")
-        if draws is not None:
-            trial_sds |= zip(model.cells, draws.reshape(len(draws), -1).T, strict=True)
-    for cell in fit.model.cells:
-        if cell[0] in jnds:
-            yield _judged(fit, cell, trial_sds.get(cell))
+    for parameter, environment in fit.model.cells:
+        if parameter in fit.data.scene.study.jnd:
+            yield _judged(fit, parameter, environment)
 
 
-def _judged(fit: Fit, where: tuple[str, str], trial_sd: Array | None) -> EquivalenceRow | Skipped:
-    """Judge a cell of a fit that passed; `trial_sd` has its draws of the SD between trials."""
+def _judged(fit: Fit, parameter: str, environment: str) -> EquivalenceRow | Skipped:
+    """Judge a cell of a fit that passed."""
     data = fit.data
+    where = (parameter, environment)
     c = fit.column[where]
     scale = fit.scale.at(c)
     size: float | None = None
     jnd: FloatOrArray
-    if data.scene.study.jnd[where[0]] == "trials":
-        if trial_sd is None:
-            what = f"whether {data.quantities[where[0]].label} of {where[1]} is within one JND"
+    if data.scene.study.jnd[parameter] == "trials":
+        if where not in fit.trial_sds:
+            what = f"whether {data.quantities[parameter].label} of {environment} is within one JND"
             return Skipped(f"{what} from trials", "without repeated trials there is none")
-        jnd = scale.native(trial_sd) - scale.origin
+        jnd = scale.native(fit.trial_sds[where]) - scale.origin
     else:
         found = _jnd_in_unit(data, where)
         if isinstance(found, Skipped):
@@ -153,7 +139,8 @@ def _judged(fit: Fit, where: tuple[str, str], trial_sd: Array | None) -> Equival
     ends = (_ends_of_jnd(data.reference[where], jnd, log=scale.log) - scale.centre) / scale.unit
     mean = fit.moments.mean[:, c]
     sd = fit.moments.sd[:, c]
-    inside = special.ndtr((ends[1] - mean) / sd) - special.ndtr((ends[0] - mean) / sd)
+    below, up_to_above = special.ndtr((ends.reshape(2, -1) - mean) / sd)
+    inside = up_to_above - below
     probability = float(inside.mean())
     error = float(inside.std()) / math.sqrt(len(fit.points))
     decisive = data.asked.decision + _SURE * error

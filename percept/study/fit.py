@@ -106,6 +106,17 @@ class Fit(Prepared):
         """Number of each cell, (parameter, environment)."""
         return {cell: c for c, cell in enumerate(self.model.cells)}
 
+    @cached_property
+    def trial_sds(self) -> dict[tuple[str, str], Array]:
+        """SD between trials in each cell with repeated ones, at `every_point`, (S,) responses."""
+        found: dict[tuple[str, str], Array] = {}
+        for model, points in self.model.split(self.every_point):
+            scales = model.scales(points)
+            if "sigma_e" in scales:
+                _, sds = scales["sigma_e"]
+                found |= zip(model.cells, sds.reshape(len(sds), -1).T, strict=True)
+        return found
+
     def pairs(self, values: Array) -> dict[str, tuple[Array, Array]]:
         """Stiffness and damping of each environment, from values (..., C)."""
         of_environments = {}

@@ -52,7 +52,7 @@ _Rows = Iterator[PsychophysicsRow]
 _Drawn = dict[Measure, Array]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Measured:
     """A quantity in an environment, or over all, by one method: what its numbers say as rows."""
 
@@ -73,8 +73,7 @@ class Measured:
         data = self.data
         log = data.asked.family == "lognormal"
         reference = data.reference.get((self.parameter, self.environment or ""), math.nan)
-        is_component = measure.startswith("sigma") and data.sessions.form == "trials"
-        by_difference = is_component and data.by_difference(self.parameter)
+        by_difference = measure.startswith("sigma") and data.by_difference(self.parameter)
 
         def in_unit(sd: Array) -> Array:
             return sd * self.unit
@@ -93,8 +92,7 @@ class Measured:
         elif measure == "sigma_e" and not math.isnan(reference):
             found["jnd"] = mapped(bounded, from_reference)
             if reference:
-                size = abs(reference)
-                found["weber"] = mapped(found["jnd"], lambda values: values / size)
+                found["weber"] = mapped(found["jnd"], lambda values: values / abs(reference))
         elif measure == "sigma_e" and self.subject is not None and not by_difference:
             found["weber"] = mapped(bounded, np.expm1) if log else bounded
         for name, numbers in found.items():
@@ -145,33 +143,19 @@ def absent_jnds(data: Data) -> Iterator[Skipped]:
 
 def classical_psychophysics(data: Data) -> _Rows:
     """Yield the classical rows; of published limits those of SDs only."""
-    family = data.asked.family
     for parameter in data.parameters:
-        trials = _trials_if_any(data, parameter)
-        unit = {}
-        if trials is not None:
-            unit = dict(zip(trials.environments, trials.scale.unit.tolist(), strict=True))
-        by_environment = {}
-        for cell in data.cells[family]:
-            if cell.parameter != parameter:
+        for (of, environment), moments in data.moments(data.asked.family).items():
+            if of != parameter:
                 continue
-            measured = Measured(
-                data=data,
-                method="classical",
-                parameter=parameter,
-                environment=cell.environment,
-                n=0 if cell.moments is None else int(np.asarray(cell.moments.n)),
-                unit=unit.get(cell.environment, 1.0),
-            )
-            by_environment[cell.environment] = measured
-            if cell.moments is not None:
-                sd = float(cell.moments.on_scale(family).sd) / measured.unit
-                bounded = sd_interval(sd, measured.n - 1.0, level=data.asked.level)
-                yield from measured.rows("sd_subjects", bounded)
+            n = int(np.asarray(moments.n))
+            measured = Measured(data, "classical", parameter, environment, n)
+            bounded = sd_interval(float(moments.sd), n - 1.0, level=data.asked.level)
+            yield from measured.rows("sd_subjects", bounded)
+        trials = _trials_if_any(data, parameter)
         if trials is not None:
-            for j, environment in enumerate(trials.environments):
-                yield from _of_trials(by_environment[environment], trials, j)
-            yield from _components(by_environment[trials.environments[0]], trials)
+            for j in range(len(trials.environments)):
+                yield from _of_trials(data, trials, j)
+            yield from _components(data, trials)
     if len(data.parameters) == 2:
         yield from _classical_correlations(data)
 
@@ -184,15 +168,23 @@ def _trials_if_any(data: Data, *parameters: str) -> Trials | None:
         return None
 
 
-def _of_trials(measured: Measured, trials: Trials, j: int) -> _Rows:
-    """Yield rows of repeated trials in environment j."""
-    level = measured.data.asked.level
+def _of_trials(data: Data, trials: Trials, j: int) -> _Rows:
+    """Yield rows of repeated trials of a quantity in environment j."""
+    level = data.asked.level
     df = float(trials.statistics.trial_df[j])
     if df == 0.0:
         return
+    present = trials.counts[:, j] > 0
+    measured = Measured(
+        data,
+        "classical",
+        trials.parameters[0],
+        trials.environments[j],
+        n=int(present.sum()),
+        unit=float(trials.scale.unit[j]),
+    )
     trial_sd = math.sqrt(float(trials.statistics.trial_squares[0, j]) / df)
     yield from measured.rows("sigma_e", sd_interval(trial_sd, df, level=level))
-    present = trials.counts[:, j] > 0
     means = trials.statistics.cell_means[present, 0, j]
     no_scatter = trial_sd == 0.0 and np.ptp(means) == 0.0
     if no_scatter or len(means) < 2:
@@ -202,16 +194,18 @@ def _of_trials(measured: Measured, trials: Trials, j: int) -> _Rows:
     yield from measured.rows("icc_1", reliability, approximate=bool(np.ptp(counts) > 0.0))
 
 
-def _components(measured: Measured, trials: Trials) -> _Rows:
+def _components(data: Data, trials: Trials) -> _Rows:
     """Yield components of variance over all environments, of subjects who were in each."""
-    level = measured.data.asked.level
+    level = data.asked.level
     table = trials.statistics.cell_means[:, 0]
     complete = np.isfinite(table).all(axis=1)
     try:
         squares = mean_squares(table[complete])
     except RefusalError:
         return
-    overall = dataclasses.replace(measured, environment=None, n=int(complete.sum()))
+    # A quantity that is compared by differences has one unit everywhere.
+    unit = float(trials.scale.unit[0])
+    overall = Measured(data, "classical", trials.parameters[0], None, squares.n, unit)
     yield from overall.rows("sigma_u", component_sd(squares, level=level), approximate=True)
     df = float(trials.statistics.trial_df.sum())
     if df == 0.0:
@@ -248,13 +242,8 @@ def _classical_correlations(data: Data) -> _Rows:
             bounded = correlation(pairs, level=data.asked.level)
         except RefusalError:
             continue
-        measured = Measured(
-            data=data,
-            method="classical",
-            parameter=", ".join(data.parameters),
-            environment=environment,
-            n=len(pairs),
-        )
+        both = ", ".join(data.parameters)
+        measured = Measured(data, "classical", both, environment, len(pairs))
         yield from measured.rows("correlation", bounded, approximate=True)
 
 
@@ -263,16 +252,7 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
     measured = []
     cells = zip(fit.model.cells, fit.counts.tolist(), fit.scale.unit.tolist(), strict=True)
     for (parameter, environment), n, unit in cells:
-        measured.append(
-            Measured(
-                data=fit.data,
-                method="bayesian",
-                parameter=parameter,
-                environment=environment,
-                n=n,
-                unit=unit,
-            )
-        )
+        measured.append(Measured(fit.data, "bayesian", parameter, environment, n, unit))
     population_sd = fit.moments.population_sd
     yield from _bounded(fit, {"sd_subjects": population_sd}, measured)
     parts = zip(fit.model.split(fit.every_point), fit.model.split(fit.points), strict=True)
@@ -280,13 +260,15 @@ def posterior_psychophysics(fit: Fit) -> _Rows:
     for (model, every_draw), (_, points) in parts:
         last = first + len(model.cells)
         of_cells = measured[first:last]
-        scales = scales_of(model, every_draw)
-        yield from _bounded(fit, _of_cells(scales, population_sd[:, first:last]), of_cells)
         statistics = model.statistics
+        scales = {name: scale for name, (_, scale) in model.scales(every_draw).items()}
+        if len(statistics.environments) == 1:
+            # The data tell the sum sigma_u² + sigma² only, which is population_sd².
+            scales.pop("sigma_u", None)
+        yield from _bounded(fit, _of_cells(scales, population_sd[:, first:last]), of_cells)
         n = len(statistics.subjects)
-        over_all = []
-        for cell in of_cells[:: len(statistics.environments)]:
-            over_all.append(dataclasses.replace(cell, environment=None, n=n))
+        of_quantities = of_cells[:: len(statistics.environments)]
+        over_all = [dataclasses.replace(cell, environment=None, n=n) for cell in of_quantities]
         yield from _of_subjects(fit, model, scales, over_all)
         yield from _slopes(fit, model, points, over_all)
         yield from _bounded(fit, _over_all(model, scales), over_all)
@@ -305,18 +287,6 @@ def _bounded(fit: Fit, drawn: _Drawn, measured: Sequence[Measured]) -> _Rows:
     for measure, draws in drawn.items():
         for one, column in zip(measured, draws.T, strict=True):
             yield from one.rows(measure, fit.limits_of_draws(column))
-
-
-def scales_of(model: LinearModel, points: Array) -> dict[str, Array]:
-    """Draws of a model's scales, by name: (S, P), (S, P, J) or (S, P, N).
-
-    With one environment there is no sigma_u: only the sum sigma_u² + sigma² is told by the data,
-    which is population_sd².
-    """
-    scales = {name: scale for name, (_, scale) in model.scales(points).items()}
-    if len(model.statistics.environments) == 1:
-        scales.pop("sigma_u", None)
-    return scales
 
 
 def _of_cells(scales: Mapping[str, Array], population_sd: Array) -> _Drawn:
