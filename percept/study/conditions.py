@@ -49,10 +49,10 @@ def told_apart(sessions: Sessions, scene: Scene) -> Sessions:
         return sessions
     if by_trial:
         sessions = at_typical_references(sessions, scene)
-    return by_level(sessions, conditions_of(sessions, scene).factors)
+    return _by_level(sessions, conditions_of(sessions, scene).factors)
 
 
-def refuse_gaps(sessions: Sessions, column: str) -> None:
+def _refuse_gaps(sessions: Sessions, column: str) -> None:
     """Refuse a column that does not put every row of trials into a group."""
     if sessions.form == "summary":
         message = "published limits have no subjects to divide."
@@ -75,12 +75,10 @@ def refuse_gaps(sessions: Sessions, column: str) -> None:
         raise UsageError("all rows have one value: there is nothing to compare.", column=column)
 
 
-def by_level(sessions: Sessions, columns: Sequence[str]) -> Sessions:
+def _by_level(sessions: Sessions, columns: Sequence[str]) -> Sessions:
     """Tell environments apart by the levels of columns, such as "VE1 (left)"."""
-    if sessions.factors is not None or not columns:
+    if not columns:
         return sessions
-    for column in columns:
-        refuse_gaps(sessions, column)
     table = sessions.table
     levels = {name: tuple(table[name].astype(str).unique()) for name in columns}
     present = set(table[["environment", *columns]].astype(str).itertuples(index=False, name=None))
@@ -125,7 +123,7 @@ def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:
     covariates = []
     between = set()
     for column in columns:
-        refuse_gaps(sessions, column)
+        _refuse_gaps(sessions, column)
         values = pd.to_numeric(sessions.table[column], errors="coerce")
         if column != scene.study.factor and values.notna().all():
             covariates.append(column)

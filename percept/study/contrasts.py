@@ -358,7 +358,7 @@ def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
 
     Each term is tested by itself, and as it differs between references.
     """
-    if data.asked.method == "bayesian":
+    if not data.conditions.factors or data.asked.method == "bayesian":
         return
     # As sets: a:b and b:a are one term.
     terms = {frozenset(term) for term in data.conditions.terms}

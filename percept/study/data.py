@@ -329,22 +329,22 @@ def _people(data: Data, parameter: str) -> Iterator[SubjectRow]:
     cells = by_cell.mean().unstack()
     # Environments are centred, so that subjects with different environments compare.
     centred = (cells - cells.mean()).mean(axis=1)
-    means = cells.mean(axis=1)
-    sds = cells.std(axis=1)
     counts = rows["subject"].value_counts(sort=False)
     for subject in dict.fromkeys(rows["subject"]):
+        own = cells.loc[subject]
+        mean = own.mean()
         others = centred.drop(subject)
         # Without scatter there is no distance, nor with one other subject.
         distance = (centred[subject] - others.mean()) / (others.std() or math.nan)
         yield SubjectRow(
             subject=subject,
             parameter=parameter,
-            n=int(cells.loc[subject].count()),
+            n=int(own.count()),
             trials=int(counts[subject]),
             relative=relative,
             log=log,
-            mean=float(np.expm1(means[subject]) if log else means[subject]),
-            sd=known(sds[subject]),
+            mean=float(np.expm1(mean) if log else mean),
+            sd=known(own.std()),
             distance=known(distance),
             unit="" if relative else data.quantities[parameter].unit,
         )

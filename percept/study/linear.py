@@ -152,28 +152,30 @@ def _subjects_behind(contrast: Contrast, cells: Cells, present: NDArray[np.bool_
 
     Any weighed cell will do, but a contrast within subjects needs both its sides at some reference.
     """
+    weighed = [contrast.weights > 0.0, contrast.weights < 0.0]
     if not contrast.within:
-        return int(present[:, contrast.weights != 0.0].any(axis=1).sum())
-    subjects = np.zeros(len(present), dtype=bool)
-    for j in range(len(cells.environments)):
-        here = contrast.weights * (cells.environment == j)
-        sides = [side for side in (here > 0.0, here < 0.0) if side.any()]
-        if sides:
-            subjects |= np.all([present[:, side].any(axis=1) for side in sides], axis=0)
-    return int(subjects.sum())
+        return int(present[:, np.any(weighed, axis=0)].any(axis=1).sum())
+    at_reference = cells.environment[:, None] == np.arange(len(cells.environments))
+    # A level's mean has one side.
+    sides = [side[:, None] & at_reference for side in weighed if side.any()]
+    has_sides = np.all([present @ side for side in sides], axis=0)
+    return int(has_sides.any(axis=1).sum())
 
 
 def _refuse_options(scene: Scene) -> None:
     """Refuse the simpler models that a model of factors does not have."""
-    reasons = []
-    if scene.model.common_spread:
-        reasons.append(("common_spread", True, "the spread of each cell is estimated"))
-    if not scene.model.subject_effect:
-        reasons.append(("subject_effect", False, "comparisons within subjects rest on it"))
-    for key, value, why in reasons:
-        message = f"does not go with factors, groups, covariates or subjects' trial SDs: {why}."
-        hint = "Leave it out, or leave out [model] bias and subjects_trial_sd, and [study] factor."
-        raise UsageError(message, key=f"model.{key}", value=value, hint=hint)
+    for key, value, why in (
+        ("common_spread", True, "the spread of each cell is estimated"),
+        ("subject_effect", False, "comparisons within subjects rest on it"),
+    ):
+        if getattr(scene.model, key) is value:
+            raise UsageError(
+                f"does not go with factors, groups, covariates or subjects' trial SDs: {why}.",
+                key=f"model.{key}",
+                value=value,
+                hint="Leave it out, or leave out [model] bias and subjects_trial_sd, and [study]"
+                " factor.",
+            )
 
 
 def _cells(statistics: Statistics, data: Data) -> tuple[Cells, CellFactors]:
@@ -189,16 +191,15 @@ def _cells(statistics: Statistics, data: Data) -> tuple[Cells, CellFactors]:
     )
     levels: dict[str, tuple[str, ...]] = {}
     level: dict[str, NDArray[np.intp]] = {}
-    all_levels = data.sessions.factors.levels if data.sessions.factors is not None else {}
-    for factor, names in all_levels.items():
-        if factor not in conditions.factors:
-            continue
+    for factor in conditions.factors:
+        assert data.sessions.factors is not None
         # Levels of which no trial is left have no column.
-        present = pd.Categorical(table[factor], names).remove_unused_categories()
-        if len(present.categories) < 2:
+        there = set(table[factor])
+        present = [name for name in data.sessions.factors.levels[factor] if name in there]
+        if len(present) < 2:
             raise RefusalError("a factor has one level left in the data.")
-        levels[factor] = tuple(present.categories)
-        level[factor] = present.codes.astype(np.intp)
+        levels[factor] = tuple(present)
+        level[factor] = pd.Index(present).get_indexer(pd.Index(table[factor]))
     factors = CellFactors(
         levels=levels,
         level=level,
@@ -210,21 +211,12 @@ def _cells(statistics: Statistics, data: Data) -> tuple[Cells, CellFactors]:
     return cells, factors
 
 
-def own_trial_sds(trials: Trials, scene: Scene) -> bool | Skipped:
-    """Say whether subjects have trial SDs of their own, and why not where they repeat trials."""
-    if not trials.statistics.repeats:
-        return False
-    why_not = _why_not(trials, scene)
-    if not why_not:
-        return True
-    what = " and ".join(scene.quantities[p].label for p in trials.parameters)
-    return Skipped(f"subjects' own trial SDs of {what}", why_not)
-
-
-def _why_not(trials: Trials, scene: Scene) -> str:
+def why_one_trial_sd(trials: Trials, scene: Scene) -> str:
     """Say why all subjects share one trial SD; empty where each has one of their own."""
     table = scene.model
     setting = table.subjects_trial_sd
+    if not trials.statistics.repeats:
+        return "no trials are repeated"
     if setting is False:
         return "[model] subjects_trial_sd = false"
     if setting == "auto" and (table.common_spread or not table.subject_effect):

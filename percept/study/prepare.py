@@ -20,7 +20,7 @@ from percept.results import Skipped
 from percept.study.basics import Array
 from percept.study.comparisons import Contrast
 from percept.study.data import Data
-from percept.study.linear import linear_model, options_of, own_trial_sds, priors_of
+from percept.study.linear import linear_model, options_of, priors_of, why_one_trial_sd
 from percept.study.responses import NO_SCALE, ResponseScale, Trials, decades, refuse_no_ratio
 
 #: A Bayesian interval may be so many times as wide as the classical one: beyond it the data tell
@@ -96,10 +96,13 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
             references = {cell: value for cell, value in data.reference.items() if cell[0] == name}
             refuse_no_ratio(references, data.quantities, hint=NO_SCALE.format(name))
     trials = data.trials(*parameters, partial=data.asked.method == "both")
-    has_own_sds = own_trial_sds(trials, data.scene)
-    model, compared = linear_model(trials, data, own_trial_sds=has_own_sds is True)
+    why_one_sd = why_one_trial_sd(trials, data.scene)
+    model, compared = linear_model(trials, data, own_trial_sds=not why_one_sd)
     _refuse_ruling_prior(model, data)
-    skipped = [skip for skip in (has_own_sds, *compared) if isinstance(skip, Skipped)]
+    skipped = [skip for skip in compared if isinstance(skip, Skipped)]
+    if why_one_sd and trials.statistics.repeats:
+        what = " and ".join(data.quantities[name].label for name in parameters)
+        skipped.insert(0, Skipped(f"subjects' own trial SDs of {what}", why_one_sd))
     return Prepared(
         data=data,
         model=model,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Collection, Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Self
@@ -41,11 +42,10 @@ class ResponseScale:
     unit: Array  # (C,) The quantity's units per response; 1 for logarithms
 
     @classmethod
-    def of(cls, reference: Array, family: str, unit: Array | None = None) -> Self:
-        """Take responses to references of any shape; deviations are in `unit`, or relative."""
-        if family == "lognormal":
-            return cls(True, reference.ravel(), np.ones(reference.size))
-        return cls(False, reference.ravel(), (reference if unit is None else unit).ravel())
+    def of(cls, reference: Array, family: str) -> Self:
+        """Take responses to references (C,), relative to them."""
+        log = family == "lognormal"
+        return cls(log, reference, np.ones_like(reference) if log else reference)
 
     @property
     def centre(self) -> Array:
@@ -136,7 +136,8 @@ def trials(
         why += 'family = "normal" takes them, and [sessions] exclude leaves them out'
         for name, count in not_positive.items():
             skipped.append(Skipped(f"{name}, in the hierarchical model", why.format(count)))
-    subjects = tuple(dict.fromkeys(table["subject"]))
+    subject, labels = pd.factorize(table["subject"])
+    subjects = tuple(labels)
     refuse_lone_subject(subjects)
     adjusted = table[columns].to_numpy(dtype=float)
     measured = set(table["environment"])
@@ -146,7 +147,7 @@ def trials(
     if table.groupby("environment")["subject"].nunique().max() < 2:
         raise RefusalError("no environment has two subjects to tell users apart.", hint=IF_BY_TRIAL)
     reference = np.array([[references[p, name] for name in environments] for p in parameters])
-    unit = reference.copy()
+    unit = np.ones_like(reference) if lognormal else reference.copy()
     for p, name in enumerate(parameters):
         if lognormal:
             present = {(name, where): references[name, where] for where in environments}
@@ -160,13 +161,13 @@ def trials(
         response = np.log(adjusted / reference_of_trial)
     return Trials(
         response=response,
-        subject=pd.Index(subjects).get_indexer(pd.Index(table["subject"])),
+        subject=subject,
         environment=environment,
         parameters=parameters,
         subjects=subjects,
         environments=environments,
         reference=reference,
-        scale=ResponseScale.of(reference, scene.inference.family, unit),
+        scale=ResponseScale(lognormal, reference.ravel(), unit.ravel()),
         skipped=tuple(skipped),
         rows=table.index,
     )
@@ -265,14 +266,28 @@ def lacking_scatter(
     Scatter lacks between subjects and between trials: where all values of a quantity are equal, and
     where those of two are in proportion.
     """
-    has_step = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
+    has_step = np.array([[parameter in steps] for parameter in statistics.parameters])
     means = statistics.cell_means - np.nanmean(statistics.cell_means, axis=0)
     trials = statistics.scatter.rows
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = (statistics.trial_squares == 0) & (statistics.trial_df > 0)
-    alike = "all subjects made the same adjustments"
-    _refuse_without_step(alike, between, statistics, steps, quantities)
-    _refuse_without_step("no subject's trials differ", trial, statistics, steps, quantities)
+    for what, is_still in (
+        ("all subjects made the same adjustments", between),
+        ("no subject's trials differ", trial),
+    ):
+        for p, cells in enumerate(is_still & ~has_step):
+            if not cells.any():
+                continue
+            quantity = quantities[statistics.parameters[p]]
+            names = ", ".join(itertools.compress(statistics.environments, cells))
+            raise RefusalError(
+                f"{what} in {quantity.label} of {names}: zero scatter has no proper posterior.",
+                column=f"{quantity.name}_adj",
+                hint=(
+                    f"Give the adjustment's step in {quantity.unit or 'its own unit'}: "
+                    f"[model] resolution.{quantity.name}."
+                ),
+            )
     if len(statistics.parameters) < 2:
         return between, trial
     first, second = [quantities[parameter] for parameter in statistics.parameters]
@@ -295,28 +310,6 @@ def lacking_scatter(
                 ),
             )
     return between & has_step, trial & has_step
-
-
-def _refuse_without_step(
-    what: str,
-    is_still: NDArray[np.bool_],
-    statistics: Statistics,
-    steps: Collection[str],
-    quantities: Quantities,
-) -> None:
-    """Refuse cells without any scatter, `is_still` (P, J), of a quantity without a step."""
-    for parameter, cells in zip(statistics.parameters, is_still, strict=True):
-        if cells.any() and parameter not in steps:
-            quantity = quantities[parameter]
-            names = ", ".join(statistics.environments[j] for j in np.flatnonzero(cells))
-            raise RefusalError(
-                f"{what} in {quantity.label} of {names}: zero scatter has no proper posterior.",
-                column=f"{parameter}_adj",
-                hint=(
-                    f"Give the adjustment's step in {quantity.unit or 'its own unit'}: "
-                    f"[model] resolution.{parameter}."
-                ),
-            )
 
 
 def _in_proportion(a: Array, b: Array, df: Array) -> bool:

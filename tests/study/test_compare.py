@@ -11,7 +11,7 @@ from scipy import stats
 from percept import RefusalError, Scene, Study, UsageError
 from percept.sessions import Sessions
 from percept.study.compare import compare_studies
-from percept.study.conditions import by_level
+from percept.study.conditions import told_apart
 from tests.documents import build_document
 
 
@@ -46,13 +46,14 @@ def test_limits_of_a_difference_are_welch_s_and_those_of_a_ratio_of_spreads_fish
 def test_blank_levels_are_named_with_their_row():
     study, _ = scattered("A", 15.0, 0.1, 5, seed=0)
     table = study.sessions.table.assign(hand=["L", "R", "L", "", "R"])
+    by_hand = Scene(study={"factor": "hand"})
     whole = Sessions.from_frame(table, scene=Scene(sessions={"groups": ["hand"]}))
     with pytest.raises(UsageError, match=r"<frame>:5, column 'hand': 1 row without a value"):
-        by_level(whole, ["hand"])
+        told_apart(whole, by_hand)
     # Of a part of the table the labels are those of the whole.
     some = dataclasses.replace(whole, table=whole.table.iloc[2:])
     with pytest.raises(UsageError, match=r"<frame>:5, column 'hand'"):
-        by_level(some, ["hand"])
+        told_apart(some, by_hand)
 
 
 def test_a_study_against_a_shifted_copy_of_itself(fitted):

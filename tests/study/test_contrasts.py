@@ -11,7 +11,7 @@ from scipy import stats
 from percept import Scene, Study, UsageError, read_sessions
 from percept.report.adjustments import contrast_sentences
 from percept.sessions import Sessions
-from percept.study.conditions import by_level
+from percept.study.conditions import told_apart
 from tests import DATASETS
 from tests.documents import build_document, page_of
 from tests.study.within import crossed, ends_of, frame, only, reasons, study
@@ -201,4 +201,4 @@ def test_factors_that_are_not_there_are_refused():
         Study(sessions, Scene(study={"factor": "foot"}))
     table = read_sessions(DATASETS / "hbfd_table1.csv")
     with pytest.raises(UsageError, match="published limits have no subjects"):
-        by_level(table, ["hand"])
+        told_apart(table, Scene(study={"factor": "hand"}))
