@@ -40,7 +40,14 @@ class Conditions:
 
 
 def told_apart(sessions: Sessions, scene: Scene) -> Sessions:
-    """Tell environments apart by the levels of the scene's factors."""
+    """Tell environments apart by the levels of the scene's factors.
+
+    Raises
+    ------
+    UsageError
+        A column that is not there, has gaps or a single value, or a term that the data cannot
+        carry.
+    """
     by_trial = (TRIAL_REFERENCE,) in scene.terms
     if sessions.options.trial_references and not by_trial:
         message = 'the sessions were read with [model] bias = "reference", which the scene lacks.'
@@ -49,7 +56,9 @@ def told_apart(sessions: Sessions, scene: Scene) -> Sessions:
         return sessions
     if by_trial:
         sessions = at_typical_references(sessions, scene)
-    return _by_level(sessions, conditions_of(sessions, scene).factors)
+    conditions = conditions_of(sessions, scene)
+    _refuse_aliases(sessions, conditions)
+    return _by_level(sessions, conditions.factors)
 
 
 def _refuse_gaps(sessions: Sessions, column: str) -> None:
@@ -111,12 +120,6 @@ def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:
     """Tell factors from covariates, and those within subjects from those between them.
 
     A column of numbers is a covariate, unless `[study] factor` names it.
-
-    Raises
-    ------
-    UsageError
-        A column that is not there, has gaps or a single value, or a term that the data cannot
-        carry.
     """
     columns = list(dict.fromkeys(name for term in scene.terms for name in term))
     factors = []
@@ -139,7 +142,7 @@ def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:
             hint = "If it names conditions, write them as words, or set [study] factor = "
             hint += f'"{mixed[0]}".'
             raise UsageError(message, key="model.bias", value=mixed[0], hint=hint)
-    found = Conditions(
+    return Conditions(
         factors=tuple(factors),
         between=frozenset(between),
         covariates=tuple(covariates),
@@ -147,9 +150,6 @@ def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:
         spread=_named(scene.model.spread, "spread", factors, by_default=factors),
         precision=_named(scene.model.precision, "precision", factors),
     )
-    if columns:
-        _refuse_aliases(sessions, found)
-    return found
 
 
 def _named(
@@ -170,11 +170,7 @@ def _named(
 def _refuse_aliases(sessions: Sessions, conditions: Conditions) -> None:
     """Refuse the first term that the terms before it, and the environments, already determine."""
     table = sessions.table
-    environments = table["environment"]
-    if sessions.factors is not None:
-        cells = sessions.factors.cells
-        environments = environments.map({cell: name for cell, (name, _) in cells.items()})
-    columns = pd.get_dummies(environments, dtype=float).to_numpy()
+    columns = pd.get_dummies(table["environment"], dtype=float).to_numpy()
     terms: list[Term] = [*conditions.terms, *((name,) for name in conditions.covariates)]
     for term in terms:
         added = table[list(term)]

@@ -160,11 +160,11 @@ class Data:
 
         Of trials with all of P parameters; RefusalError where a value has no logarithm.
         """
-        subjects, adjusted = self.adjusted(environment, parameters)
+        subjects, adjusted = self.adjusted(environment, *parameters)
         columns = [subject_means(values, subjects, family=family) for values in adjusted.T]
         return np.stack(columns, axis=1)
 
-    def adjusted(self, environment: str, parameters: tuple[str, ...]) -> tuple[_Names, Array]:
+    def adjusted(self, environment: str, *parameters: str) -> tuple[_Names, Array]:
         """Subjects of the trials with all of P parameters, (M,), and their values, (M, P)."""
         columns = [f"{parameter}_adj" for parameter in parameters]
         complete = self.tables[environment].dropna(subset=columns)
@@ -197,7 +197,7 @@ class Data:
             if log and np.any(moments.mean <= 0):
                 raise RefusalError("the published mean is zero or negative")
         else:
-            subjects, adjusted = self.adjusted(environment, (parameter,))
+            subjects, adjusted = self.adjusted(environment, parameter)
             if len(set(subjects.tolist())) < 2:
                 raise RefusalError("it has fewer than two subjects")
             if log and np.any(adjusted <= 0):
@@ -294,7 +294,7 @@ def _design(sessions: Sessions) -> DesignCounts:
 
 def _values(data: Data, environment: str, parameter: str) -> CellValues:
     """Say what was adjusted in one cell, on no scale: subjects' means, their mean and SD."""
-    subjects, adjusted = data.adjusted(environment, (parameter,))
+    subjects, adjusted = data.adjusted(environment, parameter)
     values = subject_means(adjusted[:, 0], subjects).tolist() if len(subjects) else []
     moments = Moments.from_values(values) if len(values) > 1 else None
     return CellValues(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property, wraps
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -229,9 +230,10 @@ class Inferred:
         file = self.posterior_file()
         if file is None:
             return None
-        from percept.study.posterior import posterior_tree
+        # Slow to import, and of no use to a study that is only saved.
+        import xarray
 
-        return posterior_tree(file)
+        return xarray.open_datatree(io.BytesIO(file), engine="h5netcdf").load()
 
     def posterior_file(self) -> bytes | None:
         """Return `posterior` as a netCDF file; None unless the fit passed."""

@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -27,10 +27,6 @@ from percept.inference.model.priors import Named
 from percept.inference.predictive import new_studies
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
-
-if TYPE_CHECKING:
-    from xarray import DataTree
-
 
 #: Draws kept of each chain, at most. Four chains of as many suffice for plots and summaries, and
 #: make a file of few megabytes.
@@ -54,14 +50,6 @@ _NAMES = resources.files("percept.study").joinpath("posterior.toml")
 def variables_of_posterior() -> dict[str, dict[str, str]]:
     """Return the meaning and the unit of every variable, by name; read once."""
     return tomllib.loads(_NAMES.read_text(encoding="utf-8"))
-
-
-def posterior_tree(file: bytes) -> DataTree:
-    """Read the file that `netcdf` made, as other programs do."""
-    # Slow to import, and of no use to a study that is only saved.
-    import xarray
-
-    return xarray.open_datatree(io.BytesIO(file), engine="h5netcdf").load()
 
 
 def netcdf(fit: Fit, *, seed: int) -> bytes:

@@ -22,12 +22,12 @@ from percept.results import Boundary, IntervalRow, Skipped
 from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.study.basics import Array, Stream, claim_of, generator
 from percept.study.boundaries import BoundaryDrawing
-from percept.study.fit import Fit
 from percept.study.intervals import bayesian_rows
 from percept.study.regions import Law, posterior_laws, rectangles, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
 if TYPE_CHECKING:
+    from percept.study.fit import Fit
     from percept.study.study import Study
 
 
@@ -102,22 +102,28 @@ def predict(
     data = study.data
     values, mass = _references(study, {"k": stiffness, "b": damping, **(at or {})})
     refuse_no_ratio(data.reference, data.quantities, why=_NO_LOGARITHM)
-    fit = _passed_fit(study)
+    fit = study.fit
+    if fit is None:
+        raise RefusalError(
+            "the classical method has no model of environments nobody tested.",
+            hint='Set method = "both" or "bayesian".',
+        )
+    if not fit.passed:
+        raise RefusalError(f"the posterior is withheld: {fit.withheld}")
     tested = np.log10([[data.reference[p, e] for e in fit.environments] for p in data.parameters])
     log = np.log10(values)
-    above = np.maximum(log - tested.max(axis=1), 0.0)
-    below = np.minimum(log - tested.min(axis=1), 0.0)
+    beyond = log - np.clip(log, tested.min(axis=1), tested.max(axis=1))
     decades = log - tested.mean(axis=1)
     rng = generator(data.asked.seed, Stream.NEW_ENVIRONMENT)
-    expected = new_environment(fit.model, fit.points, decades, repeats=_REPEATS, rng=rng)
+    by_condition = new_environment(fit.model, fit.points, decades, repeats=_REPEATS, rng=rng)
+    expected = {new_name(condition): users for condition, users in by_condition.items()}
     scale = ResponseScale.of(values, data.asked.family)
     # A draw's repeats belong together.
     batch = np.repeat(fit.run.batches(), _REPEATS)
     rows: list[IntervalRow] = []
     errors: list[float] = []
     laws: list[Law] = []
-    for condition, users in expected.items():
-        name = new_name(condition)
+    for name, users in expected.items():
         for row, error in _rows(fit, users, name, scale, batch):
             rows.append(row)
             errors.append(error)
@@ -125,19 +131,18 @@ def predict(
             laws += posterior_laws(name, users, batch, rows[-1].n, scale, data.asked)
     boundaries: tuple[Boundary, ...] = ()
     skipped: list[Skipped] = []
-    if study.setup is not None and data.is_impedance:
-        names = [new_name(condition) for condition in expected]
+    if study.setup is not None:
         k, b = values.tolist()
         environment = haptics.Environment(stiffness=k, damping=b, mass=mass)
-        setup = dataclasses.replace(study.setup, references=dict.fromkeys(names, environment))
+        setup = dataclasses.replace(study.setup, references=dict.fromkeys(expected, environment))
         regions = regions_of(rectangles(rows), laws, None, data.asked)
         tolerance = data.asked.tolerance
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, tolerance)
-        boundaries = tuple(drawing.drawn(names))
+        boundaries = tuple(drawing.drawn(expected))
         skipped += drawing.skipped
     return Prediction(
         environment=new_name(""),
-        beyond=dict(zip(data.parameters, (above + below).tolist(), strict=True)),
+        beyond=dict(zip(data.parameters, beyond.tolist(), strict=True)),
         intervals=pd.DataFrame(rows).assign(monte_carlo=errors),
         boundaries=boundaries,
         skipped=tuple(skipped),
@@ -176,19 +181,6 @@ def _references(study: Study, asked: Mapping[str, float | None]) -> tuple[Array,
             message = f"the {quantities[name].label} of the new environment must be {positive}."
             raise UsageError(message, key=name, value=given.get(name), hint="Give it.")
     return np.array([float(given[name]) for name in parameters]), mass
-
-
-def _passed_fit(study: Study) -> Fit:
-    """Return the study's fit; RefusalError without one that passed."""
-    fit = study.fit
-    if fit is None:
-        raise RefusalError(
-            "the classical method has no model of environments nobody tested.",
-            hint='Set method = "both" or "bayesian".',
-        )
-    if not fit.passed:
-        raise RefusalError(f"the posterior is withheld: {fit.withheld}")
-    return fit
 
 
 def _rows(

@@ -12,10 +12,8 @@ from scipy import special
 from percept.errors import RefusalError
 from percept.inference.classical.moments import Moments
 from percept.inference.model.model import LinearModel, Model, Product, Unpooled, plain_model
-from percept.inference.model.priors import Priors
 from percept.inference.model.statistics import from_summary
 from percept.inference.record import Kind
-from percept.inference.sampling.endpoints import mixture_limits
 from percept.results import Skipped
 from percept.study.basics import Array
 from percept.study.comparisons import Contrast
@@ -118,46 +116,38 @@ def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
 def _refuse_ruling_prior(model: LinearModel, data: Data) -> None:
     """Refuse one cell whose interval is far wider by the prior of the spread than by the data.
 
-    Both intervals are those of the mean.
+    Both intervals are those of the mean. In the model it has normal laws over the posterior of log
+    sigma: its prior times sigma^-df exp(-df sd²/(2 sigma²)).
     """
     if len(model.design.cells.names) > 1:
         return
     statistics = model.statistics
+    priors = model.priors
     tail = 0.5 * (1.0 - data.asked.level)
     for p, parameter in enumerate(statistics.parameters):
         sd = statistics.sd[p, 0]
         df = statistics.df[p, 0]
         if sd == 0.0:
             continue
-        times = -_scaled_half_width(sd, df, model.priors, tail) / (sd * special.stdtrit(df, tail))
-        if times > _MOST_WIDENED:
+        highest = max(np.log(sd), priors.log_s_mean) + _GRID_MARGIN
+        log_sigma = np.linspace(np.log(sd) - _GRID_MARGIN, highest, _GRID_POINTS)
+        z = (log_sigma - priors.log_s_mean) / priors.log_s_sd
+        of_data = log_sigma + 0.5 * np.exp(2.0 * (np.log(sd) - log_sigma))
+        log_density = -0.5 * z * z - df * of_data
+        density = np.exp(log_density - log_density.max())
+        lowest = _MOST_WIDENED * sd * special.stdtrit(df, tail)
+        below = special.ndtr(lowest / np.exp(log_sigma))
+        if density @ below > tail * density.sum():
             label = data.quantities[parameter].label
             raise RefusalError(
                 f"the prior of the spread makes the interval of {label} in"
-                f" {statistics.environments[0]} {times:.2g} times as wide as the data do.",
+                f" {statistics.environments[0]} more than {_MOST_WIDENED:g} times as wide as the"
+                " data do.",
                 hint=(
                     "Use the classical interval, lower log_s_mean in [model.priors], or set"
                     ' pooling = "none".'
                 ),
             )
-
-
-def _scaled_half_width(sd: float, df: float, priors: Priors, tail: float) -> float:
-    """Half-width of the model's interval of one cell's mean, times the root of its subjects.
-
-    The mean has normal laws over the posterior of log sigma: its prior times
-    sigma^-df exp(-df sd²/(2 sigma²)).
-    """
-    highest = max(np.log(sd), priors.log_s_mean) + _GRID_MARGIN
-    log_sigma = np.linspace(np.log(sd) - _GRID_MARGIN, highest, _GRID_POINTS)
-    z = (log_sigma - priors.log_s_mean) / priors.log_s_sd
-    of_data = log_sigma + 0.5 * np.exp(2.0 * (np.log(sd) - log_sigma))
-    log_density = -0.5 * z * z - df * of_data
-    cumulative = np.cumsum(np.exp(log_density - log_density.max()))
-    shares = np.linspace(0.0, cumulative[-1], _GRID_POINTS)
-    sigma = np.exp(np.interp(shares, cumulative, log_sigma))[:, None]
-    _, half_width, _ = mixture_limits(np.zeros_like(sigma), sigma, tail)
-    return float(half_width[0])
 
 
 def _side_by_side(parts: list[Prepared], skipped: Sequence[Skipped] = ()) -> Prepared:
