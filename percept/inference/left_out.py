@@ -106,19 +106,27 @@ class SubjectDensity:
 
     def log_density(self, points: Array) -> Array:
         """Log density of each subject's trials given the others', at draws (S, d): (S, N)."""
-        return np.concatenate([self.left_out(laws).log_density for _, laws in self.batches(points)])
+        return self.left_out(points).log_density
 
-    def left_out(self, laws: SubjectLaws) -> LeftOut:
-        """Predict each subject's data from W sets of scales and the other subjects' data."""
-        *by_cell, width = laws.mean.shape
+    def left_out(self, points: Array) -> LeftOut:
+        """Predict each subject's data from draws of the scales, (W, d), and the others' data."""
+        by_subject = (len(points), self.subjects)
+        by_cell = (len(points), *self._means.shape)
         predicted = LeftOut(
-            log_density=np.empty((width, self.subjects)),
-            distance=np.empty((width, self.subjects)),
-            standard=np.full((width, *self._means.shape), np.nan),
-            location=np.empty((width, *self._means.shape)),
-            location_sd=np.empty((width, *self._means.shape)),
-            covariance=np.empty((width, self.subjects, self.environments)),
+            log_density=np.empty(by_subject),
+            distance=np.empty(by_subject),
+            standard=np.full(by_cell, np.nan),
+            location=np.empty(by_cell),
+            location_sd=np.empty(by_cell),
+            covariance=np.empty((*by_subject, self.environments)),
         )
+        for cut, laws in self.batches(points):
+            self._predict(LeftOut(*(array[cut] for array in vars(predicted).values())), laws)
+        return predicted
+
+    def _predict(self, predicted: LeftOut, laws: SubjectLaws) -> None:
+        """Fill in the predictions at the draws of some laws."""
+        *by_cell, width = laws.mean.shape
         flat = laws.columns.reshape(len(laws.columns), -1, width).transpose(2, 0, 1)
         for g, pattern in enumerate(self.density.statistics.patterns):
             members = pattern.members
@@ -157,7 +165,6 @@ class SubjectDensity:
             predicted.standard[:, rows, :, present] = standard.transpose(1, 3, 0, 2)
         trials = self._between_trials(laws.trial) - 0.5 * _LOG_2PI * self.degrees
         predicted.log_density[...] += trials
-        return predicted
 
     def _between_trials(self, groups: Block | None) -> Array | float:
         """Log density of trials about their cell means, (W, N); zero without repeats."""

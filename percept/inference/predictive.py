@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from percept.errors import RefusalError
-from percept.inference.left_out import SubjectDensity
+from percept.inference.left_out import LeftOut, SubjectDensity
 from percept.inference.sampling.endpoints import mixture_limits
 
 Array = NDArray[np.float64]
@@ -82,7 +82,6 @@ class Loo:
 
     pareto_k: Array  # (N,) Tail index of the importance weights of leaving the subject out
     good_k: float  # Index up to which such weights can be trusted, with this many draws
-    points: Array  # (S, d) Draws that were reweighted
     weights: Array  # (S, N) Their weights without each subject
 
     @property
@@ -97,12 +96,9 @@ class Predicted:
 
     below: Array  # (N, P, J) Predictive probability of a cell mean below the subject's own
     farther: Array  # (N,) Predictive probability of lying as far off or farther, all cells together
-    location: Array  # (S, N, P, J) Means of the locations without each subject, at S draws
-    location_sd: Array  # (S, N, P, J)
-    weights: Array  # (S, N) Weights of these draws without each subject, with a sum of one
 
 
-def leave_one_out(subjects: SubjectDensity, points: Array) -> Loo:
+def leave_one_out(subjects: SubjectDensity, left: LeftOut) -> Loo:
     """Leave each subject out by reweighting draws of the scales.
 
     The locations are integrated out of the weights, 1/p(y_i | scales, other subjects), so these
@@ -112,8 +108,8 @@ def leave_one_out(subjects: SubjectDensity, points: Array) -> Loo:
     ----------
     subjects : SubjectDensity
         Densities of the subjects' data.
-    points : ndarray
-        Posterior draws, shape (S, d); of a large study every so many-th serves.
+    left : LeftOut
+        Predictions of each from the others, at posterior draws.
 
     Returns
     -------
@@ -124,9 +120,7 @@ def leave_one_out(subjects: SubjectDensity, points: Array) -> Loo:
     RefusalError
         A density that doubles cannot hold.
     """
-    kept = points[:: math.ceil(len(points) / subjects.most_draws)]
-    log_density = subjects.log_density(kept)
-    known = np.isfinite(log_density).all(axis=0)
+    known = np.isfinite(left.log_density).all(axis=0)
     if not known.all():
         subject = subjects.density.statistics.subjects[int(np.argmin(known))]
         raise RefusalError(
@@ -134,18 +128,16 @@ def leave_one_out(subjects: SubjectDensity, points: Array) -> Loo:
             " rests on this subject alone, at next to no scatter.",
             hint="Leave that environment out, or ask for no model checks.",
         )
-    return smoothed_subjects(log_density, kept)
+    return smoothed_subjects(left.log_density)
 
 
-def smoothed_subjects(log_density: Array, points: Array) -> Loo:
+def smoothed_subjects(log_density: Array) -> Loo:
     """Leave subjects out by weights 1/p(y_i | scales, other subjects), their tails smoothed.
 
     Parameters
     ----------
     log_density : ndarray, shape (S, N)
         Log densities of the subjects' data given the others', at every draw.
-    points : ndarray, shape (S, d)
-        The draws.
 
     Returns
     -------
@@ -159,34 +151,21 @@ def smoothed_subjects(log_density: Array, points: Array) -> Loo:
     log_weights = log_weights.T
     return Loo(
         pareto_k=indices,
-        good_k=min(1.0 - 1.0 / math.log10(len(points)), _WORST_INDEX),
-        points=points,
+        good_k=min(1.0 - 1.0 / math.log10(len(log_density)), _WORST_INDEX),
         weights=special.softmax(log_weights, axis=0),
     )
 
 
-def predict_left_out(
-    subjects: SubjectDensity,
-    points: Array,
-    weights: Array,
-) -> Predicted:
-    """Compare subjects with their prediction from the others: draws (S, d), weights (S, N)."""
-    below = np.zeros((subjects.subjects, subjects.parameters, subjects.environments))
-    farther = np.zeros(subjects.subjects)
-    locations = []
-    sds = []
-    for cut, laws in subjects.batches(points):
-        left = subjects.left_out(laws)
-        tail = special.chdtrc(subjects.degrees, left.distance)
-        cdf = special.ndtr(left.standard)
-        below += np.einsum("wi,wipj->ipj", weights[cut], cdf)
-        farther += np.einsum("wi,wi->i", weights[cut], tail)
-        locations.append(left.location)
-        sds.append(left.location_sd)
-    return Predicted(below, farther, np.concatenate(locations), np.concatenate(sds), weights)
+def predict_left_out(subjects: SubjectDensity, left: LeftOut, weights: Array) -> Predicted:
+    """Compare subjects with their prediction from the others, at S draws of weights (S, N)."""
+    tail = special.chdtrc(subjects.degrees, left.distance)
+    cdf = special.ndtr(left.standard)
+    return Predicted(
+        below=np.einsum("wi,wipj->ipj", weights, cdf), farther=np.einsum("wi,wi->i", weights, tail)
+    )
 
 
-def intervals_left_out(predicted: Predicted, level: float) -> Array:
+def intervals_left_out(left: LeftOut, weights: Array, level: float) -> Array:
     """Find the intervals of all locations without each subject.
 
     Without a subject, draws of the scales have other weights, and the locations another law given
@@ -194,8 +173,10 @@ def intervals_left_out(predicted: Predicted, level: float) -> Array:
 
     Parameters
     ----------
-    predicted : Predicted
-        Locations without each subject.
+    left : LeftOut
+        Predictions of each subject from the others, at S draws.
+    weights : ndarray, shape (S, N)
+        Of these draws without each subject, with a sum of one.
     level : float
         Of the intervals.
 
@@ -204,11 +185,11 @@ def intervals_left_out(predicted: Predicted, level: float) -> Array:
     ndarray, shape (3, N, P, J)
         Lower limits, means and upper limits, on the response scale.
     """
-    draws, _, *shape = predicted.location.shape
+    draws, _, *shape = left.location.shape
     found = []
-    for i, weights in enumerate(predicted.weights.T):
-        location = predicted.location[:, i].reshape(draws, -1)
-        sd = predicted.location_sd[:, i].reshape(draws, -1)
-        lower, upper, _ = mixture_limits(location, sd, 0.5 * (1.0 - level), weights)
-        found.append([lower, weights @ location, upper])
+    for i, of_draws in enumerate(weights.T):
+        location = left.location[:, i].reshape(draws, -1)
+        sd = left.location_sd[:, i].reshape(draws, -1)
+        lower, upper, _ = mixture_limits(location, sd, 0.5 * (1.0 - level), of_draws)
+        found.append([lower, of_draws @ location, upper])
     return np.stack(found, axis=1).reshape(3, -1, *shape)

@@ -8,6 +8,7 @@ import numpy as np
 
 from percept.boundary.shares import Users
 from percept.errors import RefusalError
+from percept.inference.left_out import LeftOut as Predictions
 from percept.inference.left_out import SubjectDensity
 from percept.inference.predictive import (
     STATISTICS,
@@ -32,7 +33,6 @@ from percept.results import (
 from percept.sessions.quantities import Quantities
 from percept.study.basics import Array, Stream, generator, known
 from percept.study.fit import Fit
-from percept.study.verdicts import MOST_DRAWS
 
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is
 #: looked at.
@@ -45,22 +45,23 @@ def model_checks(fit: Fit) -> Checks | Skipped:
     subjects = fit.subjects
     if isinstance(subjects, Skipped):
         return subjects
+    left = fit.left_out
     try:
-        loo = leave_one_out(subjects, fit.points)
-        predicted = predict_left_out(subjects, loo.points, loo.weights)
+        loo = leave_one_out(subjects, left)
     except RefusalError as refused:
         return Skipped("checks of the hierarchical model", refused.message.rstrip("."))
+    predicted = predict_left_out(subjects, left, loo.weights)
     return Checks(
         normality=fit.data.normality,
         loo=subject_tables(fit, subjects, loo, predicted),
-        without=tuple(_intervals_without(fit, loo, predicted)),
+        without=tuple(_intervals_without(fit, loo, left)),
         statistics=tuple(_statistics(fit, subjects)),
     )
 
 
-def _intervals_without(fit: Fit, loo: Loo, predicted: Predicted) -> Iterator[IntervalWithout]:
+def _intervals_without(fit: Fit, loo: Loo, left: Predictions) -> Iterator[IntervalWithout]:
     """Yield each average user's interval without each subject in turn, by weighted draws."""
-    found = intervals_left_out(predicted, fit.data.asked.level)
+    found = intervals_left_out(left, loo.weights, fit.data.asked.level)
     trusted = loo.trusted[:, None]
     of_cells = found.reshape(3, len(trusted), -1)
     ends = np.where(trusted, fit.scale.native(of_cells), np.nan)
@@ -79,16 +80,10 @@ def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
     subjects = fit.subjects
     if isinstance(subjects, Skipped):
         return {}
-    # The scales that the users were drawn with.
-    points = generator(fit.data.asked.seed, Stream.USERS).permutation(fit.points)
-    points = points[: min(MOST_DRAWS, subjects.most_draws)]
-    left = [subjects.left_out(laws) for _, laws in subjects.batches(points)]
-    location, sd, covariance, log_density = (
-        np.concatenate([getattr(part, name) for part in left])
-        for name in ("location", "location_sd", "covariance", "log_density")
-    )
+    left = fit.left_out
+    points = fit.shuffled[: len(left.log_density)]
     found: dict[str, Array] = {}
-    if not np.isfinite(log_density).all():
+    if not np.isfinite(left.log_density).all():
         return found
     laws = subjects.density.joint(points, subjects.density.pair_rows)
     for j, environment in enumerate(fit.environments):
@@ -97,11 +92,11 @@ def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
         drawn = users[environment].mean.T[: len(points)]
         responses = (drawn - scale.centre) / scale.unit
         of_all = _log_normal(responses - laws.mean[:, j], laws.location[:, j])
-        without = np.empty((*covariance.shape[:2], 2, 2))
-        without[..., 0, 1] = without[..., 1, 0] = covariance[..., j]
-        without[..., [0, 1], [0, 1]] = np.square(sd[..., j])
-        of_others = _log_normal(responses[:, None] - location[..., j], without)
-        loo = smoothed_subjects(log_density + of_all[:, None] - of_others, points)
+        without = np.empty((*left.log_density.shape, 2, 2))
+        without[..., 0, 1] = without[..., 1, 0] = left.covariance[..., j]
+        without[..., [0, 1], [0, 1]] = np.square(left.location_sd[..., j])
+        of_others = _log_normal(responses[:, None] - left.location[..., j], without)
+        loo = smoothed_subjects(left.log_density + of_all[:, None] - of_others)
         found[environment] = np.where(loo.trusted, loo.weights, np.nan)
     return found
 
@@ -180,7 +175,7 @@ def _messages(
 def _statistics(fit: Fit, subjects: SubjectDensity) -> Iterator[PredictiveCheck]:
     """Compare each cell's mean, SD and farthest subject with new studies from the posterior."""
     asked = fit.data.asked
-    stride = max(1, len(fit.points) // _REPLICATES)
+    stride = max(1, len(fit.points) // min(_REPLICATES, subjects.most_draws))
     rng = generator(asked.seed, Stream.CHECKED_STATISTICS)
     studies = new_studies(subjects, fit.points[::stride], rng)
     drawn = np.concatenate([statistics_of(cell_means) for cell_means in studies])
@@ -189,9 +184,11 @@ def _statistics(fit: Fit, subjects: SubjectDensity) -> Iterator[PredictiveCheck]
     ends = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]
     lower, upper = np.quantile(drawn, ends, axis=0)
     above = (drawn > observed).mean(axis=0)
-    # Shared over all checks, so that a right model seldom alarms, however many cells it has.
+    # Shared over all checks, so that a right model seldom alarms, however many cells it has. The
+    # study itself is one more: beyond all S replicates it has a probability of 1/S or less.
     checks = np.count_nonzero(np.isfinite(observed))
-    unusual = 2.0 * checks * np.minimum(above, 1.0 - above) < FALSE_ALARM
+    tail = np.minimum(above, 1.0 - above) + 1.0 / len(drawn)
+    unusual = 2.0 * checks * tail < FALSE_ALARM
     for j, p, s in np.argwhere(np.isfinite(observed).transpose(2, 1, 0)).tolist():
         index = (s, p, j)
         yield PredictiveCheck(

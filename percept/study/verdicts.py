@@ -50,8 +50,6 @@ if TYPE_CHECKING:
 _VERDICT_COLUMNS = (
     "environment", "coupled", "method", "rendered", "outcome", "probability", "more",
 )  # fmt: skip
-#: Most draws of the posterior: a probability of 0.95 is known to 0.003 by them.
-MOST_DRAWS = 4096
 #: Half a resonance's relative width per relative SD of k (omega goes with its root), and the least.
 _HALF_WIDTH_PER_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
@@ -91,7 +89,8 @@ def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
     Models that have no joint law of stiffness and damping let them vary independently.
     """
     rng = generator(asked.seed, Stream.USERS)
-    points = rng.permutation(fit.points)[:MOST_DRAWS]
+    # These are `fit.shuffled`; normals follow them in the stream.
+    points = rng.permutation(fit.points)[: len(fit.shuffled)]
     models = fit.model.split(points)
     draw = _joint_draws if len(models) == 1 else _separate_draws
     users = {}

@@ -26,17 +26,19 @@ def evidence_ratios(response):
     )
 
 
-def predictive_density(subjects, found):
-    """log p(y_i | others): the mean of the density over the reweighted draws."""
-    return special.logsumexp(np.log(found.weights) + subjects.log_density(found.points), axis=0)
+def reweighted(response):
+    """Leave each subject out of small studies: its weights, and log p(y_i | others) by these."""
+    subjects = small.subjects_of(response)
+    left = subjects.left_out(small.even_draws(subjects.density, 4000))
+    found = leave_one_out(subjects, left)
+    return found, special.logsumexp(np.log(found.weights) + left.log_density, axis=0)
 
 
 def test_pointwise_densities_are_ratios_of_evidences():
-    subjects = small.subjects_of(RESPONSE)
-    found = leave_one_out(subjects, small.even_draws(subjects.density, 4000))
+    found, density = reweighted(RESPONSE)
     exact = evidence_ratios(RESPONSE)
     # Even draws: what is left is the smoothing of the largest weights.
-    np.testing.assert_allclose(predictive_density(subjects, found), exact, atol=5e-3)
+    np.testing.assert_allclose(density, exact, atol=5e-3)
     assert found.good_k == pytest.approx(0.7)
     assert (found.pareto_k < found.good_k).all()
     np.testing.assert_allclose(found.weights.sum(axis=0), 1.0)
@@ -45,20 +47,20 @@ def test_pointwise_densities_are_ratios_of_evidences():
 @pytest.mark.parametrize(("draws", "good"), [(100, 0.5), (4000, 0.7)])
 def test_few_draws_trust_smaller_tail_indices(draws, good):
     normal = stats.norm.ppf((np.arange(draws) + 0.5) / draws)[:, None]
-    assert smoothed_subjects(normal, normal).good_k == pytest.approx(good)
+    assert smoothed_subjects(normal).good_k == pytest.approx(good)
 
 
 def test_weights_without_a_subject_far_off_are_not_trusted():
     response = np.append(RESPONSE, 1.2)
-    subjects = small.subjects_of(response)
-    found = leave_one_out(subjects, small.even_draws(subjects.density, 4000))
+    found, density = reweighted(response)
     assert np.flatnonzero(~found.trusted).tolist() == [8]
     exact = evidence_ratios(response)[8]
-    assert abs(predictive_density(subjects, found)[8] - exact) > 0.1
+    assert abs(density[8] - exact) > 0.1
 
 
 def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_others():
     subjects = small.subjects_of(RESPONSE)
+    left = subjects.left_out(small.GRID[:, None])
     for i, own in enumerate(RESPONSE):
         others = small.density_of(np.delete(RESPONSE, i))
         mass, _ = small.weights(others)
@@ -67,27 +69,21 @@ def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_other
         standard = (own - law.mean[:, 0]) / np.hypot(law.sd, law.population_sd)[:, 0]
         below = np.sum(mass[keep] * stats.norm.cdf(standard))
         # Draws of the others' posterior, in the coordinates of all: here by weights on a grid.
-        ours = subjects.density(small.GRID[:, None]) - left_out(subjects, i)
+        ours = subjects.density(small.GRID[:, None]) - left.log_density[:, i]
         weight = np.exp(ours - ours.max())
         weights = np.repeat((weight / weight.sum())[:, None], len(RESPONSE), axis=1)
-        found = predict_left_out(subjects, small.GRID[:, None], weights)
+        found = predict_left_out(subjects, left, weights)
         assert found.below[i, 0, 0] == pytest.approx(below, abs=1e-6)
         # One number: farther is both tails of the same law.
         tails = np.sum(mass[keep] * 2.0 * stats.norm.sf(np.abs(standard)))
         assert found.farther[i] == pytest.approx(tails, abs=1e-6)
 
 
-def left_out(subjects, i):
-    return subjects.log_density(small.GRID[:, None])[:, i]
-
-
 def test_intervals_without_a_subject_equal_quadrature_over_the_posterior_of_the_others():
     subjects = small.subjects_of(RESPONSE)
-    points = small.even_draws(subjects.density, 4000)
-    loo = leave_one_out(subjects, points)
-    lower, mean, upper = intervals_left_out(
-        predict_left_out(subjects, loo.points, loo.weights), 0.95
-    )
+    left = subjects.left_out(small.even_draws(subjects.density, 4000))
+    weights = leave_one_out(subjects, left).weights
+    lower, mean, upper = intervals_left_out(left, weights, 0.95)
     for i in range(len(RESPONSE)):
         others = small.density_of(np.delete(RESPONSE, i))
         mass, _ = small.weights(others)
