@@ -317,9 +317,9 @@ def _spread_ratios(fit: Fit, contrasts: Sequence[Contrast]) -> Sequence[Array]:
     if not contrasts:
         return []
     rows = np.array([contrast.row for contrast in contrasts])
-    above = fit.model.user_sds(fit.every_point, np.maximum(rows, 0.0))
-    below = fit.model.user_sds(fit.every_point, np.maximum(-rows, 0.0))
-    return list((above / below).T)
+    above = fit.model.moments(fit.points, np.maximum(rows, 0.0))
+    below = fit.model.moments(fit.points, np.maximum(-rows, 0.0))
+    return list((above.population_sd / below.population_sd).T)
 
 
 def _trial_sd_ratios(fit: Fit, contrasts: Sequence[Contrast]) -> Iterator[Array]:

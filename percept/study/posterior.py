@@ -150,7 +150,7 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
     observed = density.statistics.cell_means[None]
     groups["observed_data"] = {"response": _observations(subjects, observed)}
     rng_of_prior = generator(seed, Stream.PRIOR)
-    scales, prior_means, _ = draw_prior(density, _PRIOR_DRAWS, rng_of_prior)
+    scales, prior_means = draw_prior(density, _PRIOR_DRAWS, rng_of_prior)
     groups["prior"] = scales | {"population_mean": _in_cells(fit, prior_means)}
     return groups
 

@@ -104,7 +104,7 @@ def test_probabilities_and_d_z_are_those_of_draws():
     rows = np.array([own.row for own in fit.contrasts if own.is_of_users])
     points = fit.run.points.reshape(-1, fit.run.points.shape[-1])
     averages, users = fit.model.draw(points, np.random.default_rng(1), rows)
-    d_z = np.median(averages / fit.model.user_sds(points, rows), axis=0)
+    d_z = np.median(averages / fit.model.moments(points, rows).population_sd, axis=0)
     found = made.contrasts.query("method == 'bayesian'")
     for kind, drawn in {"mean": averages, "user": users}.items():
         of_kind = found[found["kind"] == kind]

@@ -8,7 +8,7 @@ environments j, and subjects i. The location of a cell, a subject's setting in i
     log sigma_cp = m + sum over SD terms X_cp psi_p + omega_p e_cp,    sigma_cp the SD of w_icp
     h_cp         = sum over effect size terms X_cp eta_p
 
-X are the columns of each term, (K, P, C). The coefficients theta, psi and eta have known prior SDs,
+X are the columns of each term, (K, P, C). The coefficients theta and psi have known prior SDs,
 which their columns are multiplied by. Each environment has deviations zeta, whose SD tau is
 estimated for each term; each subject has effects v, whose covariance over the quantities is
 estimated for each term. SDs between subjects and between trials have terms each.
@@ -206,7 +206,7 @@ def design_of(
         subject=tuple(subject_terms),
         sd_between=scaled(sd_terms, "psi_sd", level="log_s_sd", trend="kappa_sd"),
         sd_trial=scaled(sd_terms, "psi_sd", level="log_s_e_sd", trend="kappa_e_sd"),
-        effect_size=scaled(sized_effects, "psi_sd"),
+        effect_size=tuple(sized_effects),
     )
 
 

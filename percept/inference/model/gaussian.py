@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -249,11 +248,7 @@ class Moments:
 
     def of(self, numbers: slice | list[int]) -> Moments:
         """Laws of some of the quantities."""
-        return Moments(
-            mean=self.mean[:, numbers],
-            sd=self.sd[:, numbers],
-            population_sd=self.population_sd[:, numbers],
-        )
+        return Moments(*(values[:, numbers] for values in vars(self).values()))
 
     @classmethod
     def unpack(cls, packed: Array) -> Moments:
@@ -305,26 +300,9 @@ class Law:
     Columns of combinations with weights (L, R) are (W, L, K); their products are a covariance.
     """
 
-    solve: Callable[[], tuple[Array, Columns]]  # Means (W, R) and columns of the locations
+    mean: Array  # (W, R) Means of the locations
+    columns: Columns  # Of the locations
     user_columns: Columns  # Of one user about the locations
-
-    @cached_property
-    def _solved(self) -> tuple[Array, Columns]:
-        return self.solve()
-
-    @property
-    def mean(self) -> Array:
-        """Means of the locations, (W, R)."""
-        return self._solved[0]
-
-    def columns(self, weights: Array) -> Array:
-        """Columns of combinations of the locations."""
-        return self._solved[1](weights)
-
-    def user_sd(self, weights: Array) -> Array:
-        """SDs (W, L) of combinations of one user about the locations'; nothing is solved for."""
-        of_users = group_covariances(self.user_columns, weights[:, None])
-        return np.sqrt(of_users[..., 0, 0])
 
     def joint(self, weights: Array) -> Joint:
         """Joint laws of groups of combinations, (groups, n, R)."""

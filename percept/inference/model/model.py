@@ -87,15 +87,6 @@ class Model(ABC):
         weights = self.cell_rows if rows is None else rows
         return self.joint(points, weights[:, None]).moments()
 
-    def user_sds(
-        self,
-        points: Array,
-        rows: Array,
-    ) -> Array:
-        """SDs of one user's combinations about the locations', (W, L)."""
-        sds = [self.law(part).user_sd(rows) for part in self.passes(points)]
-        return np.concatenate(sds)
-
     def joint(
         self,
         points: Array,
@@ -271,23 +262,18 @@ class LinearModel(Model):
         """Law of the locations and of users at coordinates (W, d) of one pass."""
         scales = self.coordinates(points).cells
         matrix = self._given_scales.matrix
+        solved = self._given_scales.solve(self.with_resolution(scales))
 
-        def solve() -> tuple[Array, Columns]:
-            solved = self._given_scales.solve(self.with_resolution(scales))
+        def columns(weights: Array) -> Array:
+            return solved.columns((weights @ matrix).T[..., None]).T
 
-            def columns(weights: Array) -> Array:
-                return solved.columns((weights @ matrix).T[..., None]).T
-
-            return (matrix @ solved.best).T, columns
-
-        return Law(solve, partial(user_columns, scales))
+        return Law((matrix @ solved.best).T, columns, partial(user_columns, scales))
 
 
 def plain_model(
     statistics: Statistics,
     priors: Priors | None = None,
     options: Options | None = None,
-    resolution: Resolution | None = None,
 ) -> LinearModel:
     """Build the model of environments without factors, which are its cells.
 
@@ -299,8 +285,6 @@ def plain_model(
         Prior scales.
     options : Options, optional
         Simpler models.
-    resolution : Resolution, optional
-        Variance that the adjustment's resolution adds.
 
     Returns
     -------
@@ -314,7 +298,7 @@ def plain_model(
     cells = Cells(names, np.arange(len(names)), names, statistics.x)
     factors = Factors(levels={}, level={}, terms=())
     design = design_of(cells, factors, priors, options)
-    return LinearModel(statistics, design, priors, resolution)
+    return LinearModel(statistics, design, priors)
 
 
 class Product(Model):
@@ -376,11 +360,11 @@ class Product(Model):
             parts = zip(columns, by_model, strict=True)
             return np.concatenate([of_model(part) for of_model, part in parts], axis=2)
 
-        def solve() -> tuple[Array, Columns]:
-            mean = np.hstack([law.mean for law in laws])
-            return mean, partial(side_by_side, [law.columns for law in laws])
-
-        return Law(solve, partial(side_by_side, [law.user_columns for law in laws]))
+        return Law(
+            mean=np.hstack([law.mean for law in laws]),
+            columns=partial(side_by_side, [law.columns for law in laws]),
+            user_columns=partial(side_by_side, [law.user_columns for law in laws]),
+        )
 
 
 class Unpooled(Model):
@@ -442,8 +426,11 @@ class Unpooled(Model):
         """Law of standardised cells, which are independent."""
         sigma = np.exp(points * self._unit)[:, None]
         sd = sigma / np.sqrt(self._n)
-        located = (np.zeros_like(points), lambda weights: weights * sd)
-        return Law(lambda: located, lambda weights: weights * sigma)
+        return Law(
+            mean=np.zeros_like(points),
+            columns=lambda weights: weights * sd,
+            user_columns=lambda weights: weights * sigma,
+        )
 
     def scales(self, points: Array) -> Named:
         """Ratio of sigma to the sample SD per cell."""

@@ -20,7 +20,6 @@ from percept.inference.model.blocks import Block
 from percept.inference.model.design import Design, columns_by_quantity, new_cells
 from percept.inference.model.gaussian import (
     Joint,
-    Law,
     SubjectCovariance,
     group_covariances,
     joined,
@@ -149,33 +148,11 @@ def _repeated(
     return {name: np.repeat(values, repeats, axis=-1) for name, values in by_name.items()}
 
 
-class _Unobserved(LinearModel):
-    """A model before any data: its coordinates and latents are standard normal."""
-
-    def __init__(self, model: LinearModel) -> None:
-        super().__init__(model.statistics.without_scatter(), model.design, model.priors)
-
-    def law(self, points: Array) -> Law:
-        """Law of the locations and of users under the prior."""
-        scales = self.coordinates(points).cells
-        latents = self.basis.matrix.T
-        sd = np.ones((len(points), len(latents)))
-        environments = len(self.design.cells.environments)
-        own = np.repeat(scales.tau, environments, axis=0)
-        sd[:, : self.basis.deviations] = own.T
-        mean = np.zeros((len(points), self.locations))
-
-        def columns(weights: Array) -> Array:
-            return (weights @ latents.T) * sd[:, None]
-
-        return Law(lambda: (mean, columns), partial(user_columns, scales))
-
-
 def draw_prior(
     model: LinearModel,
     draws: int,
     rng: np.random.Generator,
-) -> tuple[Named, Array, Array]:
+) -> tuple[Named, Array]:
     """Draw what a model says before any data.
 
     Parameters
@@ -191,12 +168,19 @@ def draw_prior(
     -------
     Named
         Scales and correlations by name.
-    locations, users : ndarray
-        Population means and new users of all cells, (draws, P C) each.
+    locations : ndarray
+        Population means of all cells, (draws, P C).
     """
-    blank = _Unobserved(model)
+    # Without data all coordinates and latents are standard normal.
+    statistics = model.statistics.without_scatter()
+    blank = LinearModel(statistics, model.design, model.priors)
     points = rng.standard_normal((draws, len(blank.names)))
-    return blank.scales(points), *blank.draw(points, rng)
+    tau = blank.coordinates(points).cells.tau
+    of_cells = blank.basis.matrix[: len(blank.cells)]
+    latents = rng.standard_normal((draws, of_cells.shape[1]))
+    environments = len(blank.design.cells.environments)
+    latents[:, : blank.basis.deviations] *= np.repeat(tau, environments, axis=0).T
+    return blank.scales(points), latents @ of_cells.T
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

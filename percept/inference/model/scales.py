@@ -143,7 +143,7 @@ class Coordinates:
                 self._append(level.rho, prior="rho_shape")
         if self._subject_spreads is not None:
             subjects = ("subject", statistics.subjects)
-            self._append("phi", quantities, subjects, standard=False)
+            self._append("phi", quantities, subjects)
             self._append("omega_s", quantities, prior="omega_s_scale")
         for suffix in self._effects:
             of_trend = suffix == f"v:{TREND}"
@@ -155,7 +155,7 @@ class Coordinates:
             self._append(_tau(term), quantities, prior="tau_scale")
         for term in design.effect_size:
             columns = (f"{term.name} column", numbered("column", len(term.columns)))
-            self._append(f"eta:{term.name}", quantities, columns, prior=term.prior)
+            self._append(f"eta:{term.name}", quantities, columns, prior="psi_sd")
 
     def _name_level(
         self,
@@ -168,7 +168,7 @@ class Coordinates:
         self.dimensions[f"sigma{suffix}"] = ("parameter", "environment")
         if level.departures:
             cells = ("environment", self._design.cells.names)
-            self._append(f"sigma{suffix}", quantities, cells, standard=False)
+            self._append(f"sigma{suffix}", quantities, cells)
         for coefficient, prior in level.coefficients.items():
             self._append(coefficient, quantities, prior=prior)
         if level.departures and level.single_sd is None:
@@ -179,11 +179,11 @@ class Coordinates:
         scale: str,
         *axes: Axis,
         prior: str = "",
-        standard: bool = True,
     ) -> None:
-        """Append the coordinates of a scale, one for each combination of labels."""
-        if prior:
-            self.priors_in_use.add(prior)
+        """Append the coordinates of a scale, one for each combination of labels.
+
+        Those with a prior of their own are standard normal, whatever the rest.
+        """
         if prior.endswith("_scale"):
             self._half_normals[scale] = getattr(self._priors, prior)
         first = len(self.names)
@@ -193,7 +193,8 @@ class Coordinates:
         end = len(self.names)
         self.slots[scale] = slice(first, end)
         self.dimensions[scale] = tuple(dimension for dimension, _ in axes)
-        if standard:
+        if prior:
+            self.priors_in_use.add(prior)
             self._standard += range(first, end)
 
     def __call__(self, points: Array) -> Scales:
@@ -269,9 +270,8 @@ class Coordinates:
                 columns += [column[..., None] * root for root in roots]
         effects = np.reshape(columns, (len(columns), *design.cells.x.shape, width))
         for term in design.effect_size:
-            # The columns carry the prior SD of their coefficients.
-            size = named[f"eta:{term.name}"] / self._priors.psi_sd
-            effects = effects * np.exp(np.einsum("kpc,pkw->pcw", term.columns, size))
+            log_size = np.einsum("kpc,pkw->pcw", term.columns, named[f"eta:{term.name}"])
+            effects = effects * np.exp(log_size)
         return CellScales(
             between=_covariance(named["sigma"], "rho_w", named, rests),
             trial=trial,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from percept.errors import RefusalError
-from percept.inference.model.model import Unpooled, plain_model
+from percept.inference.model.model import LinearModel, Unpooled
 from percept.inference.model.statistics import Resolution
 from tests.inference.model.designs import made
 from tests.inference.model.test_statistics import reduce
@@ -13,9 +13,8 @@ from tests.inference.model.test_statistics import reduce
 def test_identical_subjects_have_an_answer_with_a_resolution():
     study = made("plain")
     study.study.response[study.study.cell == 2] = 0.1
-    model = plain_model(
-        reduce(study), resolution=Resolution(np.full((2, 3), 1e-6), np.zeros((2, 3)))
-    )
+    resolution = Resolution(np.full((2, 3), 1e-6), np.zeros((2, 3)))
+    model = LinearModel(reduce(study), study.model.design, resolution=resolution)
     points = np.random.default_rng(1).normal(size=(200, len(model.names)))
     assert np.isfinite(model(points)).all()
     # The spread of that environment cannot run off to zero: the resolution bounds the density.
