@@ -140,20 +140,24 @@ class Units:
 
     def _columns(self) -> sparse.csr_array:
         """Numbers by vector and unit, for every unknown."""
-        _, quantities, units = self.latents.shape
-        latent, quantity, unit = np.nonzero(self.latents)
-        effect, unit_of_effect = np.nonzero(self.multipliers)
-        of_latents = self.latents[latent, quantity, unit]
-        of_effects = self.multipliers[effect, unit_of_effect]
-        values = np.append(of_latents, of_effects)
-        pattern = self.pattern[unit_of_effect]
-        unknown = np.append(self.others[latent], self.effects[effect, pattern])
-        vector = np.append(quantity, quantities + effect)
-        unit = np.append(unit, unit_of_effect)
-        row = vector * units + unit
-        rows = (quantities + len(self.multipliers)) * units
-        unknowns = self.effects.size + self.others.size
-        return sparse.csr_array((values, (row, unknown)), (rows, unknowns))
+        # Vectors are those of the quantities first, then those of the effects.
+        by_unit = self.latents.reshape(len(self.latents), -1).T
+        of_others = sparse.csr_array(by_unit)
+        effect = self.effects[:, self.pattern] - self.before_effects
+        row = np.arange(effect.size)
+        shape = (effect.size, self.effects.size)
+        numbers = self.multipliers.ravel()
+        of_effects = sparse.csr_array((numbers, (row, effect.ravel())), shape)
+        of_effects.eliminate_zeros()
+        before = of_others[:, : self.before_effects]
+        after = of_others[:, self.before_effects :]
+        columns = sparse.block_array(
+            [
+                [before, None, after],
+                [None, of_effects, None],
+            ]
+        )
+        return columns.tocsr()
 
     def noise(self, scales: CellScales) -> Block:
         """D of every kind, entries (kinds, W)."""

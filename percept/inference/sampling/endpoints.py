@@ -3,7 +3,7 @@
 Given draw s of the scales, a cell's mean is N(m_s, v_s²), and so is the next user's value with
 larger v_s. The posterior is the mixture of these normals over S draws, so a limit solves
 
-    mean over s of Phi((m_s - x) / v_s) = tail                       `mixture_quantile`
+    mean over s of Phi((m_s - x) / v_s) = tail                       `mixture_limits`
 
 A share interval c ± h is to hold a share P of the population, with a stated confidence. Given a
 draw the population is normal with SD w_s about a mean that is N(m_s, v_s²). The interval holds P if
@@ -77,54 +77,44 @@ def batch_errors(values: NDArray[Any], batch: NDArray[np.intp]) -> Array:
     return np.asarray(np.std(means, axis=1, ddof=1) / math.sqrt(len(sizes)))
 
 
-def mixture_quantile(
-    mean: Array,
-    sd: Array,
-    tail: float,
-    *,
-    upper: bool,
-    weights: Array | None = None,
-) -> tuple[Array, Array]:
-    """Quantile of normal mixtures, and the pull of each component on it.
-
-    Parameters
-    ----------
-    mean, sd : ndarray
-        Components, shape (S, Q): S draws of Q quantities, in any unit.
-    tail : float
-        Probability beyond the quantile.
-    upper : bool
-        Whether the tail is the upper one.
-    weights : ndarray, optional
-        Of the draws, shape (S,), with a sum of one; equal where not given.
-
-    Returns
-    -------
-    quantile : ndarray
-        Shape (Q,), in the same unit.
-    influence : ndarray
-        Shape (S, Q): derivative of the quantile in the weight of a draw.
-    """
-    sign = 1.0 if upper else -1.0
-    if weights is None:
-        weights = np.full(len(mean), 1.0 / len(mean))
-    mixture = _Mixture(_as_rows(mean) * sign, _as_rows(sd), weights)
-    quantile = mixture.upper_quantile(tail)
-    residual = mixture.beyond - mixture.mean_beyond[:, None]
-    influence = residual * (sign / mixture.density)[:, None]
-    return sign * quantile, influence.T
-
-
 def mixture_limits(
     mean: Array,
     sd: Array,
     tail: float,
     weights: Array | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Lower and upper quantile (Q,) with a tail beyond each, and their influences (S, 2 Q)."""
-    lower, on_lower = mixture_quantile(mean, sd, tail, upper=False, weights=weights)
-    upper, on_upper = mixture_quantile(mean, sd, tail, upper=True, weights=weights)
-    return lower, upper, np.hstack([on_lower, on_upper])
+    """Lower and upper limits of normal mixtures, and the pull of each component on them.
+
+    Parameters
+    ----------
+    mean, sd : ndarray
+        Components, shape (S, Q): S draws of Q quantities, in any unit.
+    tail : float
+        Probability beyond each limit.
+    weights : ndarray, optional
+        Of the draws, shape (S,), with a sum of one; equal where not given.
+
+    Returns
+    -------
+    lower, upper : ndarray
+        Shape (Q,), in the same unit.
+    influence : ndarray
+        Shape (S, 2 Q): derivative of all lower limits, then of all upper ones, in the weight of a
+        draw.
+    """
+    if weights is None:
+        weights = np.full(len(mean), 1.0 / len(mean))
+    limits = []
+    influences = []
+    # The lower limit is the upper one of what is mirrored.
+    for sign in (-1.0, 1.0):
+        mixture = _Mixture(_as_rows(mean) * sign, _as_rows(sd), weights)
+        limits.append(sign * mixture.upper_quantile(tail))
+        residual = mixture.beyond - mixture.mean_beyond[:, None]
+        influence = residual * (sign / mixture.density)[:, None]
+        influences.append(influence.T)
+    lower, upper = limits
+    return lower, upper, np.hstack(influences)
 
 
 def _as_rows(draws: Array) -> Array:

@@ -5,7 +5,7 @@ import pytest
 from mpmath import mp
 from scipy import integrate, optimize, special, stats
 
-from percept.inference.sampling.endpoints import mixture_quantile, share_content, share_half_width
+from percept.inference.sampling.endpoints import mixture_limits, share_content, share_half_width
 
 MIXTURES = {
     "alike": lambda rng: (0.1 * rng.normal(size=40), np.exp(0.2 * rng.normal(size=40))),
@@ -24,7 +24,7 @@ MIXTURES = {
 def test_quantile_is_the_root(mixture, tail):
     mean, sd = MIXTURES[mixture](np.random.default_rng(1))
     for upper in (False, True):
-        found = mixture_quantile(mean[:, None], sd[:, None], tail, upper=upper)[0][0]
+        found = mixture_limits(mean[:, None], sd[:, None], tail)[upper][0]
         sign = 1 if upper else -1
         with mp.workdps(30):
             components = [
@@ -64,7 +64,7 @@ def assert_derivatives(influence, limits):
 def test_influence_is_the_derivative_in_a_draw_s_weight(upper):
     rng = np.random.default_rng(4)
     mean, sd = rng.normal(size=30), np.exp(0.5 * rng.normal(size=30))
-    influence = mixture_quantile(mean[:, None], sd[:, None], 0.005, upper=upper)[1][:, 0]
+    influence = mixture_limits(mean[:, None], sd[:, None], 0.005)[2][:, int(upper)]
     assert abs(influence.mean()) < 1e-12
     below = 0.995 if upper else 0.005
 
