@@ -15,7 +15,7 @@ from percept.haptics import Loop
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.model.priors import Priors
 from percept.scene import InferenceTable, Scene
-from percept.sessions import ReadError, ReadOptions, Sessions
+from percept.sessions import ReadError, Sessions
 from percept.simulate import (
     PARAMETERS,
     Design,
@@ -201,9 +201,9 @@ def _simulated_study(
         for name in (f"{parameter}_ref", f"{parameter}_adj"):
             if unit:
                 columns[name] = {"name": name, "unit": unit}
-    options = ReadOptions(quantities=scene.quantities, columns=columns)
+    reading = Scene(quantities=scene.quantities, columns=columns)
     scene = scene.with_inference(seed=int(rng.integers(1 << 31)))
-    return Study(Sessions.from_frame(table, scene=options), scene)
+    return Study(Sessions.from_frame(table, scene=reading), scene)
 
 
 def _populations(plan: CoveragePlan, values: TrueValues) -> dict[str, Population]:

@@ -14,7 +14,6 @@ from pydantic import (
     Field,
     PrivateAttr,
     StrictBool,
-    ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -23,8 +22,8 @@ from pydantic import (
 from percept.errors import UsageError
 from percept.html import fields_html
 from percept.scene_device import CouplingTable, DeviceTable, ModeTable, Positive
-from percept.sessions.options import DataTables, Term, model_terms, terms_of
-from percept.sessions.quantities import Table, amount_in, is_impedance, known_key, usage_error
+from percept.sessions.options import DataTables, Term, terms_of
+from percept.sessions.quantities import Table, amount_in, is_impedance, known_key
 
 __all__ = [
     "ChecksTable",
@@ -272,10 +271,7 @@ class Scene(DataTables):
     def __init__(self, /, *paths: Any, **tables: Any) -> None:
         if paths:
             raise UsageError(f"a scene's file is read by Scene.load({str(paths[0])!r}).")
-        try:
-            super().__init__(**tables)
-        except ValidationError as error:
-            raise usage_error(error) from error
+        super().__init__(**tables)
 
     @model_validator(mode="before")
     @classmethod
@@ -333,7 +329,14 @@ class Scene(DataTables):
     @property
     def terms(self) -> tuple[Term, ...]:
         """Terms beside environment, trend and subject: columns, alone or interacting."""
-        return model_terms(self.study.factor, self.model.bias)
+        bias, factor = self.model.bias, self.study.factor
+        terms = terms_of(bias, key="model.bias") if bias else ()
+        return terms if factor is None or (factor,) in terms else ((factor,), *terms)
+
+    @property
+    def family(self) -> str:
+        """Family of the analysis; the normal one takes zeros and negative values."""
+        return self.inference.family
 
     @property
     def environment_noun(self) -> tuple[str, str]:

@@ -15,7 +15,6 @@ from percept.batch import encode
 from percept.cli import main
 from percept.errors import RefusalError, UsageError
 from percept.report import rewrite_report
-from percept.sessions import ReadOptions
 from percept.sessions.options import terms_of
 from tests.documents import build_document
 
@@ -65,15 +64,15 @@ def test_generated_columns_of_a_database_are_held_to_the_bytes(tmp_path):
     connection.commit()
     connection.close()
     with pytest.raises(UsageError, match="more than 100,000 bytes"):
-        read_sessions(path, scene=ReadOptions(files=FILES))
+        read_sessions(path, scene=Scene(files=FILES))
 
 
 def test_a_text_many_times_and_a_frame_are_held_to_the_bytes(tmp_path):
     frame = pd.DataFrame(trials()).assign(note="x" * 20_000)
     with pytest.raises(UsageError, match="more than 100,000 bytes"):
-        Sessions.from_frame(frame, scene=ReadOptions(files=FILES))
+        Sessions.from_frame(frame, scene=Scene(files=FILES))
     with pytest.raises(UsageError, match="more than 4 rows"):
-        Sessions.from_frame(frame, scene=ReadOptions(files={"rows": 4}))
+        Sessions.from_frame(frame, scene=Scene(files={"rows": 4}))
 
 
 def test_sequences_of_r_count_together(tmp_path):
@@ -90,7 +89,7 @@ def test_sequences_of_r_count_together(tmp_path):
     data += b"\0\0\0\x13\0\0\0\3" + 3 * sequence
     (tmp_path / "t.rds").write_bytes(data)
     with pytest.raises(UsageError, match="more than 2,000 cells"):
-        read_sessions(tmp_path / "t.rds", scene=ReadOptions(files={"cells": 2000}))
+        read_sessions(tmp_path / "t.rds", scene=Scene(files={"cells": 2000}))
 
 
 def test_draws_of_a_device_are_held_to_the_bytes(tmp_path):

@@ -6,7 +6,6 @@ import pytest
 
 from percept.errors import UsageError
 from percept.scene import Scene
-from percept.sessions import ReadOptions
 
 
 @pytest.mark.parametrize(
@@ -160,21 +159,17 @@ def test_a_file_that_is_not_there(tmp_path):
 )
 def test_how_sessions_are_read_is_checked_with_the_scene(tables, said):
     with pytest.raises(UsageError) as caught:
-        ReadOptions.from_mapping(tables)
-    assert str(caught.value).startswith(said)
-    with pytest.raises(UsageError) as caught:
         Scene(**tables)
     assert str(caught.value).startswith(said)
 
 
-def test_a_scene_hands_its_tables_to_the_reader():
+def test_a_scene_of_its_own_tables_is_the_same():
     tables = {
         "columns": {"k_adj": "final", "b_adj": {"name": "b", "unit": "N·s/mm"}},
         "sessions": {"decimal": ",", "exclude": [{"column": "rt", "above": 60}], "groups": "hand"},
         "environments": {"A": {"k_ref": 10}},
     }
     scene = Scene(**tables)
-    assert ReadOptions.from_mapping(dict(scene)) == ReadOptions.from_mapping(tables)
     assert Scene(**scene.to_dict()) == scene
 
 

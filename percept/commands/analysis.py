@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from percept.inference.sampling.gate import Progress
     from percept.scene import Scene
-    from percept.sessions import ReadOptions
     from percept.study import Study
     from percept.workers import Mapper
 
@@ -80,27 +79,29 @@ def settings(arguments: argparse.Namespace) -> dict[str, str | float | None]:
     return {name: getattr(arguments, name) for name in _SETTINGS}
 
 
-def read_scene(arguments: argparse.Namespace) -> tuple[Scene, ReadOptions]:
-    """Return the scene that is named, or the default one, and how it says files are read."""
+def read_scene(arguments: argparse.Namespace) -> Scene:
+    """Return the scene that is named, or the default one."""
     from percept.scene import Scene
-    from percept.sessions import ReadOptions
 
-    scene = Scene.load(arguments.scene) if arguments.scene else Scene()
-    return scene, ReadOptions.of(scene)
+    return Scene.load(arguments.scene) if arguments.scene else Scene()
 
 
 def open_study(
-    arguments: argparse.Namespace, progress: Working | None = None, *, groups: Sequence[str] = ()
+    arguments: argparse.Namespace, progress: Working | None = None, *, by: str | None = None
 ) -> Study:
-    """Read the sessions and the scene, put them together, and say what the reader noticed."""
+    """Read the sessions and the scene, put them together, and say what the reader noticed.
+
+    The model has the column `by`, in the place of `[study] factor` unless the scene names it.
+    """
     from percept.sessions import read_sessions
     from percept.study import Study
 
-    scene, options = read_scene(arguments)
-    scene = scene.with_inference(**settings(arguments))
+    scene = read_scene(arguments).with_inference(**settings(arguments))
+    if by is not None and not any(by in term for term in scene.terms):
+        scene = scene.with_tables(study=scene.study.model_dump(exclude_none=True) | {"factor": by})
     if (checks := getattr(arguments, "checks", None)) is not None:
         scene = scene.with_tables(checks={} if checks else None)
-    sessions = read_sessions(*arguments.sessions, scene=options.with_groups(groups))
+    sessions = read_sessions(*arguments.sessions, scene=scene)
     if not arguments.quiet:
         notices = (*sessions.warnings, *sessions.notices)
         for text in notices[:_NOTICES]:
@@ -119,15 +120,6 @@ def open_study(
     if scene.device is not None and scene.device.response:
         _ = study.device  # a table that cannot be read is refused before anything is sampled
     return study
-
-
-def with_factor(study: Study, column: str) -> Study:
-    """Return a study whose model has a column besides those its scene names."""
-    if any(column in term for term in study.scene.terms):
-        return study
-    words = study.scene.study.model_dump(exclude_none=True)
-    scene = study.scene.with_tables(study=words | {"factor": column})
-    return study.over(study.sessions, scene)
 
 
 def show(text: str) -> None:

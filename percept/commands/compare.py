@@ -17,7 +17,6 @@ from percept.commands.analysis import (
     print_table,
     show,
     tell_error,
-    with_factor,
 )
 from percept.errors import RefusalError, UsageError, capitalised
 
@@ -133,7 +132,7 @@ def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
     column = arguments.by
     if arguments.other_scene:
         raise UsageError("--by compares groups under one scene; leave --other-scene out.")
-    study = with_factor(open_study(arguments, progress, groups=[column]), column)
+    study = open_study(arguments, progress, by=column)
     is_shown = [column in row.factor.split(":") for row in study.contrast_rows]
     rows = list(itertools.compress(study.contrast_rows, is_shown))
     tests = [row for row in study.anova if column in row.factor.split(":")]

@@ -26,8 +26,7 @@ def _validate(arguments: argparse.Namespace) -> int:
     """Validate; the exit code is 0 without problems, otherwise the problems' own."""
     from percept.sessions import format_validation, validate
 
-    _, options = read_scene(arguments)
-    found = validate(*arguments.sessions, options=options)
+    found = validate(*arguments.sessions, scene=read_scene(arguments))
     if arguments.json:
         print_json(found.to_dict())
     else:
@@ -76,9 +75,9 @@ def _simulate(arguments: argparse.Namespace) -> None:
     from percept.published import sessions_csv, simulate_like
     from percept.sessions import read_sessions
 
-    _, options = read_scene(arguments)
+    scene = read_scene(arguments)
     with Working("simulating", shown=True):
-        published = read_sessions(arguments.like, scene=options)
+        published = read_sessions(arguments.like, scene=scene)
         table = simulate_like(published, seed=arguments.seed, subjects=arguments.subjects)
         _write_new(arguments.out, sessions_csv(table))
     print(arguments.out)

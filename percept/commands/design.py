@@ -19,7 +19,6 @@ from percept.commands.analysis import (
     print_json,
     print_table,
     show,
-    with_factor,
 )
 from percept.errors import RefusalError, UsageError
 
@@ -108,7 +107,7 @@ def _pilot(arguments: argparse.Namespace) -> None:
     column = arguments.by
     arguments.method = "classical"
     with Working("reading", shown=not arguments.quiet) as progress:
-        study = with_factor(open_study(arguments, progress, groups=[column]), column)
+        study = open_study(arguments, progress, by=column)
         levels = [row for row in study.levels if row.factor == column and row.environment is None]
     inference = study.scene.inference
     planned: list[dict[str, object]] = []

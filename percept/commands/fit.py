@@ -201,7 +201,7 @@ def _batch(arguments: argparse.Namespace) -> int:
     """Analyse the studies and print what became of them."""
     from percept.batch import run_batch, sources
 
-    scene, _ = read_scene(arguments)
+    scene = read_scene(arguments)
     changes = settings(arguments)
     scene.with_inference(**changes)  # a wrong setting is wrong once, not once per study
     studies = sources(arguments.studies, scene=scene, changes=changes)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
+from percept.sessions.options import ColumnRule, ExcludeRule
 from percept.sessions.proposals import propose_scene
 from percept.sessions.quantities import Quantity
 from percept.sessions.read import Sessions, read_sessions
@@ -16,7 +16,6 @@ __all__ = [
     "Notice",
     "Quantity",
     "ReadError",
-    "ReadOptions",
     "Sessions",
     "Source",
     "Validation",

@@ -14,7 +14,7 @@ from percept.sessions.options import (
     KEPT_COLUMNS,
     SUMMARY,
     ColumnRule,
-    ReadOptions,
+    DataTables,
     canonical_columns,
 )
 from percept.sessions.quantities import Quantities, numbers_of, with_mass
@@ -68,7 +68,7 @@ class Resolution:
         return {*self.rules}.union(*(slot.ids for slot in self.slots))
 
 
-def resolve(grid: Grid, options: ReadOptions) -> Resolution:
+def resolve(grid: Grid, options: DataTables) -> Resolution:
     """Find the canonical columns in a header."""
     known = {plain(name) for name in grid.header} | options.columns.keys()
     limits_or_moments = {"lower", "upper"} <= known or {"mean", "sd"} <= known
@@ -91,7 +91,7 @@ def _by_name(
     grid: Grid,
     wanted: Sequence[str],
     rules: _Rules,
-    options: ReadOptions,
+    options: DataTables,
 ) -> list[str]:
     """Find the columns that no rule names by percept's names, or aliases; announce the latter."""
     taken = {rule.name for rule in rules.values()}
@@ -130,7 +130,7 @@ def _refuse_missing(grid: Grid, rules: _Rules) -> None:
             raise grid.error(message, rule.name, grid.columns_like(rule.name), kind)
 
 
-def _named_by_reference(rules: _Rules, options: ReadOptions) -> list[str]:
+def _named_by_reference(rules: _Rules, options: DataTables) -> list[str]:
     """Let the values of the first reference name environments that have no column."""
     references = [column for column in rules if column.endswith("_ref")]
     by_file = "{environment}" in (options.sessions.filename or "")
@@ -156,7 +156,7 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.casefold()).strip("_")
 
 
-def _slots(grid: Grid, rules: _Rules, options: ReadOptions) -> tuple[Slot, ...]:
+def _slots(grid: Grid, rules: _Rules, options: DataTables) -> tuple[Slot, ...]:
     """Give the one slot of a long table, or those that the names of a wide one hold."""
     taken = {rule.name for rule in rules.values()} | _named_apart(options)
     common: dict[str, int] = {}
@@ -182,7 +182,7 @@ def _slots(grid: Grid, rules: _Rules, options: ReadOptions) -> tuple[Slot, ...]:
     return tuple(Slot(common | columns, alone | dict(ids)) for ids, columns in slots)
 
 
-def _alone(rules: _Rules, options: ReadOptions) -> dict[str, str]:
+def _alone(rules: _Rules, options: DataTables) -> dict[str, str]:
     """Name the one environment that needs no column, if there can be only one."""
     if "environment" in rules:
         return {}
@@ -197,7 +197,7 @@ def _alone(rules: _Rules, options: ReadOptions) -> dict[str, str]:
 def check_columns(
     grid: Grid,
     present: Collection[str],
-    options: ReadOptions,
+    options: DataTables,
     paths: Sequence[str],
 ) -> None:
     """Refuse a header that lacks what an analysis of trials needs; paths are as they were given."""
@@ -216,7 +216,7 @@ def check_columns(
     raise grid.error(message, first, hint, kind)
 
 
-def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str]:
+def _missing_numbers(present: Collection[str], options: DataTables) -> list[str]:
     """Name the missing columns of numbers: an adjustment, and a reference for each."""
     first, *others = (f"{name}_adj" for name in options.quantities)
     if not {first, *others} & {*present}:
@@ -230,7 +230,7 @@ def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str
     return missing
 
 
-def unused_columns(grid: Grid, found: Resolution, options: ReadOptions) -> list[str]:
+def unused_columns(grid: Grid, found: Resolution, options: DataTables) -> list[str]:
     """Name the columns of a header that nothing is read from."""
     read = {position for slot in found.slots for position in slot.columns.values()}
     apart = _named_apart(options)
@@ -238,8 +238,8 @@ def unused_columns(grid: Grid, found: Resolution, options: ReadOptions) -> list[
     return [name for position, name in names if position not in read and name not in apart]
 
 
-def _named_apart(options: ReadOptions) -> set[str]:
+def _named_apart(options: DataTables) -> set[str]:
     """Name the columns that select rows or keep groups."""
     selection = options.sessions
     excluded = {rule.column for rule in selection.exclude}
-    return {*KEPT_COLUMNS, *selection.groups, *selection.only, *excluded}
+    return {*KEPT_COLUMNS, *options.groups, *selection.only, *excluded}

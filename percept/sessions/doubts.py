@@ -14,7 +14,7 @@ import pandas as pd
 
 from percept.errors import counted
 from percept.sessions.merged import by_environment
-from percept.sessions.options import ReadOptions
+from percept.sessions.options import DataTables
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import MOST_CONDITIONS, Factors, Found, shown
 
@@ -47,7 +47,7 @@ class Observed:
 
     table: pd.DataFrame
     adjusted: Sequence[Quantity]
-    options: ReadOptions
+    options: DataTables
     factors: Factors | None
 
 
@@ -191,7 +191,8 @@ def _empty_cells(study: Observed) -> Iterator[Found]:
 
 def _pooled(study: Observed) -> Iterator[Found]:
     """Say how groups that the analysis does not tell apart are analysed."""
-    for column in study.options.pooled(study.table.columns):
+    kept = {"group", *study.options.sessions.groups} - {*study.options.split}
+    for column in study.table.columns.intersection(list(kept)):
         levels = study.table.groupby(column, sort=False)["subject"].nunique()
         if len(levels) < 2:
             continue

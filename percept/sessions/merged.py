@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError, counted
-from percept.sessions.options import ReadOptions
+from percept.sessions.options import DataTables
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import (
     IDS,
@@ -316,7 +316,7 @@ def _look(name: str) -> str:
         return re.sub(r"(?<!\d)0+(?=\d)", "", joined)
 
 
-def summary(table: pd.DataFrame, options: ReadOptions) -> Iterator[Found]:
+def summary(table: pd.DataFrame, options: DataTables) -> Iterator[Found]:
     """Refuse parameters, limits, n, levels and units that a published table cannot have."""
     names = " or ".join(f'"{name}"' for name in options.quantities)
     n = table["n"].fillna(2)

@@ -29,6 +29,10 @@ from percept.sessions.values import LARGEST, LEAST, MISSING
 KEPT_COLUMNS = ("group", "source")
 #: Columns of a published summary.
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
+#: A term of a model: one column, or several that interact.
+Term = tuple[str, ...]
+#: In `[model] bias` the reference of the trial, which no column of the files has that name for.
+TRIAL_REFERENCE = "reference"
 
 
 def _as_texts(value: Any) -> Any:
@@ -241,10 +245,55 @@ class DataTables(Table):
     sessions: SessionsTable = SessionsTable()
     files: FileLimits = FileLimits()
 
+    def __init__(self, /, **tables: Any) -> None:
+        try:
+            super().__init__(**tables)
+        except ValidationError as error:
+            raise usage_error(error) from error
+
     @property
     def declared_references(self) -> frozenset[str]:
         """Columns of references that [environments] gives."""
         return frozenset().union(*self.environments.values())
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Terms beside environment, trend and subject: columns, alone or interacting."""
+        return ()
+
+    @property
+    def family(self) -> str:
+        """Family of the analysis; the normal one takes zeros and negative values."""
+        return "lognormal"
+
+    @property
+    def split(self) -> tuple[str, ...]:
+        """Columns of the files that the terms name."""
+        others = {*canonical_columns(self.quantities), TRIAL_REFERENCE}
+        names = dict.fromkeys(itertools.chain(*self.terms))
+        return tuple(name for name in names if name not in others)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Columns that are kept beside percept's own."""
+        return tuple(dict.fromkeys((*self.sessions.groups, *self.split)))
+
+    @property
+    def trial_references(self) -> bool:
+        """Whether trials have references of their own within an environment."""
+        return any(TRIAL_REFERENCE in term for term in self.terms)
+
+    def require(self, scene: DataTables) -> None:
+        """Refuse a scene whose tables on data the files were not read with."""
+        lacking = []
+        for name in ("quantities", "columns", "environments", "sessions"):
+            table = getattr(scene, name)
+            if table and table not in (getattr(self, name), SessionsTable()):
+                lacking.append(f"[{name}]")
+        if lacking:
+            message = f"the sessions were read without {' and '.join(lacking)} of the scene."
+            hint = "Read them with it: read_sessions(files, scene=scene)."
+            raise UsageError(message, hint=hint)
 
     @model_validator(mode="before")
     @classmethod
@@ -287,20 +336,8 @@ def _declared_quantity(column: str, quantities: Container[str], key: str) -> Non
         raise UsageError(message, key=key, hint=hint)
 
 
-#: A term of a model: one column, or several that interact.
-Term = tuple[str, ...]
 #: More terms are no formula that somebody wrote: products double with each factor.
 _MOST_TERMS = 200
-#: In `[model] bias` the reference of the trial, which no column of the files has that name for.
-TRIAL_REFERENCE = "reference"
-
-
-def model_terms(factor: str | None, bias: str | None) -> tuple[Term, ...]:
-    """Terms of `[model] bias`, with `[study] factor` as a short form of its own."""
-    terms = terms_of(bias, key="model.bias") if bias else ()
-    if factor is None or (factor,) in terms:
-        return terms
-    return ((factor,), *terms)
 
 
 def terms_of(formula: str, *, key: str) -> tuple[Term, ...]:
@@ -346,94 +383,3 @@ def terms_of(formula: str, *, key: str) -> tuple[Term, ...]:
                 hint = f"Write {' * '.join(term)} instead of {' : '.join(term)}."
                 raise UsageError(message, key=key, value=formula, hint=hint)
     return tuple(sorted(terms, key=len))
-
-
-class ReadOptions(DataTables):
-    """How to read a study's files; every default is the strictest reading.
-
-    Attributes
-    ----------
-    quantities : mapping of str to Quantity
-        What is adjusted, by name; stiffness k (N/m) and damping b (N·s/m) by default.
-    columns : mapping of str to ColumnRule
-        From canonical name to where it stands.
-    environments : mapping of str to mapping
-        From environment id to its references, such as `k_ref` (N/m), `b_ref` (N·s/m) and `m_ref`
-        (kg, 0 where not given). Environments stand in this order, those it does not name after it
-        by reference.
-    sessions : SessionsTable
-        The scene's [sessions], such as `decimal`, `keep`, `groups` and `exclude`.
-    split : tuple of str
-        Columns of groups that the analysis tells apart; of the others a warning says that they are
-        pooled.
-    family : str
-        That of the analysis; the normal one takes zeros and negative values.
-    trial_references : bool
-        Whether trials have references of their own within an environment.
-    """
-
-    split: Texts = ()
-    family: str = "lognormal"
-    trial_references: bool = False
-
-    def __init__(self, /, **options: Any) -> None:
-        try:
-            super().__init__(**options)
-        except ValidationError as error:
-            raise usage_error(error) from error
-
-    @classmethod
-    def of(cls, scene: DataTables | None) -> ReadOptions:
-        """Take what a scene says on data; the strictest reading without a scene."""
-        if scene is None:
-            return cls()
-        if not isinstance(scene, DataTables):
-            hint = "Scene.load reads a scene's file."
-            raise UsageError(f"a scene is needed, not {type(scene).__name__}.", hint=hint)
-        return scene if isinstance(scene, ReadOptions) else cls.from_mapping(dict(scene))
-
-    def require(self, scene: DataTables) -> None:
-        """Refuse a scene whose tables on data the files were not read with."""
-        groups = self.sessions.groups
-        lacking = []
-        for name in ("quantities", "columns", "environments", "sessions"):
-            table = getattr(scene, name)
-            # Commands keep further groups.
-            if name == "sessions" and set(table.groups) <= set(groups):
-                table = table.model_copy(update={"groups": groups})
-            if table and table not in (getattr(self, name), SessionsTable(groups=groups)):
-                lacking.append(f"[{name}]")
-        if lacking:
-            message = f"the sessions were read without {' and '.join(lacking)} of the scene."
-            hint = "Read them with it: read_sessions(files, scene=scene)."
-            raise UsageError(message, hint=hint)
-
-    def with_groups(self, groups: Iterable[str]) -> ReadOptions:
-        """Return a copy that keeps further columns as groups of subjects."""
-        further = tuple(name for name in groups if name not in canonical_columns(self.quantities))
-        kept = tuple(dict.fromkeys([*self.sessions.groups, *further]))
-        sessions = self.sessions.model_copy(update={"groups": kept})
-        return self.model_copy(update={"sessions": sessions, "split": (*self.split, *further)})
-
-    def pooled(self, columns: Container[str]) -> list[str]:
-        """Name the columns of groups, of those there are, that the analysis does not tell apart."""
-        names = dict.fromkeys(("group", *self.sessions.groups))
-        return [name for name in names if name in columns and name not in self.split]
-
-    @classmethod
-    def from_mapping(cls, tables: Mapping[str, Any]) -> ReadOptions:
-        """Build from a scene's tables on data, its model's columns and `inference.family`.
-
-        Raises
-        ------
-        UsageError
-            An unknown key, or a value of the wrong kind, naming table and key.
-        """
-        on_data = {name: tables[name] for name in DataTables.model_fields if name in tables}
-        factor = dict(tables.get("study", {})).get("factor")
-        bias = dict(tables.get("model", {})).get("bias")
-        family = dict(tables.get("inference", {})).get("family", "lognormal")
-        columns = [name for term in model_terms(factor, bias) for name in term]
-        groups = dict.fromkeys(name for name in columns if name != TRIAL_REFERENCE)
-        options = cls(**on_data, family=family, trial_references=TRIAL_REFERENCE in columns)
-        return options.with_groups(groups) if groups else options

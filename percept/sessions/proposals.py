@@ -15,7 +15,7 @@ from percept.errors import UsageError, printable
 from percept.sessions.columns import aliases, plain
 from percept.sessions.grid import NUMBER, Grid, refuse_headless
 from percept.sessions.inputs import expand, load
-from percept.sessions.options import ReadOptions
+from percept.sessions.options import DataTables
 from percept.sessions.quantities import IMPEDANCE, TO_FILL_IN, factor, quantity_of
 from percept.sessions.records import Problems, shown
 from percept.sessions.tables import read_grid
@@ -115,7 +115,7 @@ def propose_scene(*paths: str | Path) -> str:
     UsageError
         No file is a table, or the first row of one is data.
     """
-    options = ReadOptions()
+    options = DataTables()
     problems = Problems()
     tables: dict[tuple[str, ...], tuple[str, list[_Column]]] = {}
     for file in islice(expand(paths)[0], _FILES):

@@ -14,7 +14,7 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import doubts, merged
-from percept.sessions.options import DataTables, ReadOptions
+from percept.sessions.options import DataTables
 from percept.sessions.quantities import Quantities, Quantity, trial_columns
 from percept.sessions.records import (
     IDS,
@@ -62,8 +62,8 @@ class Sessions:
     provenance : DataFrame
         `file` (index into `sources`) and `row` (physical line, the header being 1) of each row of
         `table`.
-    options : ReadOptions
-        How the files were read.
+    options : DataTables
+        How the files were read: the scene, if there was one.
     factors : Factors, optional
         The conditions or groups that `environment` tells apart.
     at_limits : DataFrame
@@ -77,7 +77,7 @@ class Sessions:
     exclusions: tuple[Exclusion, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
     provenance: pd.DataFrame = field(default_factory=lambda: pd.DataFrame({"file": [], "row": []}))
-    options: ReadOptions = field(default_factory=ReadOptions)
+    options: DataTables = field(default_factory=DataTables)
     factors: Factors | None = None
     at_limits: pd.DataFrame = field(default_factory=pd.DataFrame)
 
@@ -92,8 +92,7 @@ class Sessions:
         if not isinstance(frame, pd.DataFrame):
             hint = "read_sessions reads files."
             raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
-        options = ReadOptions.of(scene)
-        return _merged(options, lambda log: open_frame(frame, log))
+        return _merged(scene, lambda log: open_frame(frame, log))
 
     @property
     def quantities(self) -> Quantities:
@@ -208,7 +207,7 @@ def read_sessions(*paths: str | Path, scene: DataTables | None = None) -> Sessio
     ----------
     *paths : str or Path
         Files, folders or glob patterns; docs/files.md lists what percept reads.
-    scene : Scene or ReadOptions, optional
+    scene : Scene, optional
         Its [quantities], [columns], [sessions], [environments], [files] and [study] factor say how
         the files are read. Give the same scene to :class:`~percept.Study`.
 
@@ -224,12 +223,15 @@ def read_sessions(*paths: str | Path, scene: DataTables | None = None) -> Sessio
         What cannot be read as it stands, each problem with file, row, column, value and what to do;
         a :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
     """
-    options = ReadOptions.of(scene)
-    return _merged(options, lambda log: open_files(paths, log), [str(path) for path in paths])
+    return _merged(scene, lambda log: open_files(paths, log), [str(path) for path in paths])
 
 
-def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) -> Sessions:
+def _merged(scene: DataTables | None, opened: _Opened, paths: Sequence[str] = ()) -> Sessions:
     """Merge the files by column name and check them together."""
+    options = DataTables() if scene is None else scene
+    if not isinstance(options, DataTables):
+        hint = "Scene.load reads a scene's file."
+        raise UsageError(f"a scene is needed, not {type(scene).__name__}.", hint=hint)
     log = Log(options, paths)
     frames = []
     first_of_form: dict[str, str] = {}

@@ -19,7 +19,7 @@ from percept.errors import UsageError
 from percept.sessions.columns import Resolution, check_columns, resolve, unused_columns
 from percept.sessions.grid import Grid, LayoutError, refuse_headless, text_grid
 from percept.sessions.inputs import WORKBOOK, Input, decode, expand, ids_from_name, load
-from percept.sessions.options import ExcludeRule, ReadOptions
+from percept.sessions.options import DataTables, ExcludeRule
 from percept.sessions.quantities import factor, quantity_of, with_mass
 from percept.sessions.records import (
     Exclusion,
@@ -40,7 +40,7 @@ _ROWS = 200
 class Log:
     """What is said of a study while it is read: each step adds to it."""
 
-    def __init__(self, options: ReadOptions, paths: Sequence[str] = ()) -> None:
+    def __init__(self, options: DataTables, paths: Sequence[str] = ()) -> None:
         self.options = options
         self.paths = paths  # As they were given
         self.problems = Problems()
@@ -82,7 +82,7 @@ class OpenFile:
         return self.grid.file
 
     @property
-    def options(self) -> ReadOptions:
+    def options(self) -> DataTables:
         """How the study is read."""
         return self.log.options
 
@@ -157,7 +157,7 @@ def open_files(paths: Sequence[str | Path], log: Log) -> Iterator[OpenFile]:
                         yield from _open_input(part, log, named=named and entry.name == file)
 
 
-def _parts(entry: Input, options: ReadOptions) -> list[Input]:
+def _parts(entry: Input, options: DataTables) -> list[Input]:
     """Give an input, or each sheet of a workbook if the scene wants all; its path ends in it."""
     sheet = options.sessions.sheet
     if sheet == "*" and entry.part is None and re.match(WORKBOOK, entry.data):
@@ -223,7 +223,7 @@ def _open(
     return file
 
 
-def _with_units(grid: Grid, found: Resolution, options: ReadOptions) -> Resolution:
+def _with_units(grid: Grid, found: Resolution, options: DataTables) -> Resolution:
     """Give the columns of numbers the units of a row below the header, where there is one."""
     if not grid.units:
         return found
@@ -267,7 +267,7 @@ def _second_header(grid: Grid, column: str, word: str) -> LayoutError:
     return LayoutError(message, file=grid.file, row=row, column=column, value=word, hint=hint)
 
 
-def read_grid(entry: Input, options: ReadOptions, notices: list[Notice]) -> Grid:
+def read_grid(entry: Input, options: DataTables, notices: list[Notice]) -> Grid:
     """Give the cells of one input, whatever its format."""
     if (grid := typed_grid(entry, options.files)) is not None:
         return grid

@@ -57,7 +57,7 @@ def read_trials(file: OpenFile) -> pd.DataFrame:
 def _groups(file: OpenFile) -> list[str]:
     """Name the columns of groups that the file has."""
     kept = [name for name in KEPT_COLUMNS if name in file.grid.header]
-    return list(dict.fromkeys((*kept, *file.options.sessions.groups)))
+    return list(dict.fromkeys((*kept, *file.options.groups)))
 
 
 def _file_columns(file: OpenFile) -> dict[Any, int]:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import PerceptError, counted, printable
-from percept.sessions.options import ReadOptions
+from percept.sessions.options import DataTables
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.records import Notice, ReadError, summarised
 
@@ -56,14 +56,14 @@ class Validation:
         return found
 
 
-def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validation:
+def validate(*paths: str | Path, scene: DataTables | None = None) -> Validation:
     """Read a study as `read_sessions` does, and report instead of raising.
 
     Parameters
     ----------
     *paths : str or Path
         As for :func:`~percept.sessions.read_sessions`.
-    options : ReadOptions, optional
+    scene : Scene, optional
         How to read them.
 
     Returns
@@ -71,7 +71,7 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
     Validation
     """
     try:
-        sessions = read_sessions(*paths, scene=options)
+        sessions = read_sessions(*paths, scene=scene)
     except ReadError as error:
         return Validation(error.exit_code, None, error.problems, error.total)
     except PerceptError as error:

@@ -29,7 +29,6 @@ from percept.haptics.perceived import Display
 from percept.inference.classical.fiducial import central_range_confidence
 from percept.inference.classical.moments import Moments
 from percept.inference.model.priors import Priors
-from percept.sessions import ReadOptions
 from percept.simulate import Design, draw_environments, draw_hyperparameters, simulate
 from reports.page import Page, store
 
@@ -52,7 +51,7 @@ CLEAR = 4.0
 #: References of the Bayesian studies, N/m and N·s/m.
 REFERENCES = np.array([[100.0, 1.0], [500.0, 2.0], [2000.0, 10.0]])
 # Declared units: subjects of the prior differ so much that units would seem to.
-_COLUMNS = ReadOptions(
+_COLUMNS = Scene(
     columns={
         name: {"name": name, "unit": unit}
         for unit, names in {"N/m": ("k_ref", "k_adj"), "N·s/m": ("b_ref", "b_adj")}.items()

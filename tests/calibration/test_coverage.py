@@ -28,7 +28,7 @@ from percept.judge import (
     interval_held,
     judge_study,
 )
-from percept.sessions import ReadOptions, Sessions
+from percept.sessions import Sessions
 from percept.simulate import Design, Hyperparameters, TrueValues
 from percept.workers import on_cluster
 from tests import DATASETS, LONG
@@ -226,7 +226,7 @@ def durations(**changes: object) -> Study:
     )
     rows["duration_adj"] = rows["duration_ref"] * np.exp(rng.normal(-0.1, 0.2, len(rows)))
     scene = Scene(quantities={"duration": {"unit": "ms"}}, inference=changes)
-    return Study(Sessions.from_frame(rows, scene=ReadOptions(quantities=scene.quantities)), scene)
+    return Study(Sessions.from_frame(rows, scene=Scene(quantities=scene.quantities)), scene)
 
 
 def test_a_single_quantity_is_simulated_as_two_are() -> None:

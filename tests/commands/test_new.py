@@ -10,7 +10,6 @@ from scipy import stats
 from percept.cli import main
 from percept.inference.model.priors import Priors
 from percept.scene import FrequencyTable, InferenceTable, ModelTable, ReportTable, Scene
-from percept.sessions import ReadOptions
 from percept.sessions.options import canonical_columns
 
 # Two keys describe the device in another way, and two belong together.
@@ -64,12 +63,11 @@ def test_every_optional_key_is_understood(tmp_path):
     scene = Scene(**tables)
     assert scene.device.response == "zd.csv"
     assert scene.report.subtitle == "Ten people, five walls"
-    options = ReadOptions.from_mapping(tables)
-    assert {*tables["sessions"], "trial"} == type(options.sessions).model_fields.keys()
-    assert options.columns["subject"].name == "participant"
-    assert options.sessions.exclude[0].above == 1e5
-    assert options.environments["A"] == {"k_ref": 1000.0, "b_ref": 1.0, "m_ref": 0.0}
-    assert options.quantities["duration"].unit == "ms"
+    assert {*tables["sessions"], "trial"} == type(scene.sessions).model_fields.keys()
+    assert scene.columns["subject"].name == "participant"
+    assert scene.sessions.exclude[0].above == 1e5
+    assert scene.environments["A"] == {"k_ref": 1000.0, "b_ref": 1.0, "m_ref": 0.0}
+    assert scene.quantities["duration"].unit == "ms"
 
 
 def test_one_line_makes_it_the_scene_of_another_quantity(tmp_path):

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.sessions import ReadOptions
 
 from .browser import Tab
 from .conftest import ROOT
@@ -62,7 +61,7 @@ def hostile(tmp_path_factory):
         name: {"label": attack("label"), "symbol": attack("symbol")} for name in ("k", "b")
     }
     scene = Scene(**tables)
-    study = Study(read_sessions(file, scene=ReadOptions.from_mapping(dict(scene))), scene)
+    study = Study(read_sessions(file, scene=scene), scene)
     return study.report(folder / "out", date="2026-01-01").parent
 
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 import pandas as pd
 
-from percept.sessions.options import ReadOptions
+from percept import Scene
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Writer:
     decimals: int | None = None  # Digits after the decimal mark, where the tool rounds
 
     @property
-    def options(self) -> ReadOptions:
-        """`tables` as read options."""
-        return ReadOptions.from_mapping(self.tables)
+    def options(self) -> Scene:
+        """`tables` as a scene."""
+        return Scene(**self.tables)
 
 
 _NAMES = "subject session environment trial k_ref b_ref k_adj b_adj"

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from percept import Scene
 from percept.errors import PerceptError
-from percept.sessions import ReadOptions, Sessions, read_sessions
+from percept.sessions import Sessions, read_sessions
 from tests.sessions.dialects import WRITERS, example
 
 _TOKEN = re.compile(r"[+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?")
@@ -123,7 +124,7 @@ _EDITS: Sequence[Callable[[bytes, np.random.Generator], bytes]] = (
 )  # fmt: skip
 
 
-def check(sessions: Sessions, data: bytes, options: ReadOptions) -> str | None:
+def check(sessions: Sessions, data: bytes, options: Scene) -> str | None:
     """Look for every number of an accepted file in its text, and for every row."""
     text = _text(data)
     # Two carriage returns and a line feed end one line.
@@ -193,7 +194,7 @@ def fuzz(files: int, *, seed: int = 0, seconds_per_100kb: float = 1.0) -> Outcom
 
 
 def _one(
-    path: Path, data: bytes, options: ReadOptions, at: int, outcome: Outcome, allowed: float
+    path: Path, data: bytes, options: Scene, at: int, outcome: Outcome, allowed: float
 ) -> None:
     start = time.process_time()
     try:

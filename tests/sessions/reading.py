@@ -2,8 +2,9 @@
 
 import pytest
 
+from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, read_sessions
+from percept.sessions import read_sessions
 
 #: Headers of a study of stiffness, alone and beside damping.
 HEAD = "subject,environment,k_ref,k_adj\n"
@@ -14,7 +15,7 @@ def read(folder, text, name="f.csv", **tables):
     """Read a text as a file, under tables of a scene."""
     path = folder / name
     path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return read_sessions(path, scene=ReadOptions.from_mapping(tables))
+    return read_sessions(path, scene=Scene(**tables))
 
 
 def refusal(folder, text, name="f.csv", **tables):

@@ -8,8 +8,9 @@ import zipfile
 import pandas as pd
 import pytest
 
+from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, Sessions, read_sessions
+from percept.sessions import Sessions, read_sessions
 from tests.sessions.dialects import WRITERS, example, frame
 
 
@@ -64,7 +65,7 @@ def test_archives_are_read_in_memory(tmp_path, pack):
 def test_a_byte_order_mark_says_which_half_of_an_encoding_it_is(tmp_path, order, declared):
     file = tmp_path / "f.csv"
     file.write_bytes("\ufeffsubject,environment,k_ref,k_adj\nä,a,10,11\n".encode(order))
-    options = ReadOptions(sessions={"encoding": declared} if declared else {})
+    options = Scene(sessions={"encoding": declared} if declared else {})
     assert read_sessions(file, scene=options).subjects == ("ä",)
 
 
@@ -113,7 +114,7 @@ def test_excel_and_parquet(tmp_path):
         pd.testing.assert_frame_equal(sessions.table, want, check_exact=True)
         assert any("'k adj' is taken as k_adj" in notice.text for notice in sessions.notices)
     with pytest.raises(UsageError, match=r"the file holds no such table; there are 'Sheet1'"):
-        read_sessions(tmp_path / "t.xlsx", scene=ReadOptions(sessions={"sheet": "Data"}))
+        read_sessions(tmp_path / "t.xlsx", scene=Scene(sessions={"sheet": "Data"}))
 
 
 def test_the_extras_are_named_when_missing(tmp_path, monkeypatch):

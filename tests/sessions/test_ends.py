@@ -12,7 +12,7 @@ import pytest
 from percept.cli import main
 from percept.errors import UsageError
 from percept.scene import Scene
-from percept.sessions import ReadOptions, read_sessions
+from percept.sessions import read_sessions
 from percept.study import Study
 from tests.documents import build_document, page_of
 
@@ -26,7 +26,7 @@ def study(tmp_path, rows):
 
 
 def options(limits):
-    return ReadOptions(quantities={"k": {"limits": limits}, "b": {}})
+    return Scene(quantities={"k": {"limits": limits}, "b": {}})
 
 
 ROWS = [
@@ -68,7 +68,7 @@ def test_limits_are_in_the_unit_of_the_quantity(tmp_path):
     path = study(tmp_path, ["1,a,1,0.05,0.055,1,1", "2,a,1,0.05,0.1,1,1"])
     columns = {name: {"name": name, "unit": "N/mm"} for name in ("k_ref", "k_adj")}
     quantities = {"k": {"limits": [0.0, 100.0]}, "b": {}}
-    found = read_sessions(path, scene=ReadOptions(quantities=quantities, columns=columns))
+    found = read_sessions(path, scene=Scene(quantities=quantities, columns=columns))
     assert found.table["k_adj"].dropna().tolist() == [55.0]
 
 

@@ -7,9 +7,10 @@ import tomllib
 import openpyxl
 import pytest
 
+from percept import Scene
 from percept.cli import main
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, read_sessions
+from percept.sessions import read_sessions
 
 HEAD = "subject,environment,trial,k_ref,k_adj"
 WALLS = {"soft": 500, "hard": 2000}
@@ -54,7 +55,7 @@ def workbook(tmp_path, **sheets):
 
 def refusal(path, **tables):
     with pytest.raises(UsageError) as caught:
-        read_sessions(path, scene=ReadOptions.from_mapping(tables))
+        read_sessions(path, scene=Scene(**tables))
     assert caught.value.file.startswith(str(path))
     return caught.value
 
@@ -167,7 +168,7 @@ def test_units_of_a_row_are_converted_and_held_to_the_scene(tmp_path):
     path = csv_file(tmp_path, text)
     assert read_sessions(path).table["k_adj"].tolist() == pytest.approx(whole["k_adj"].tolist())
     columns = {"k_adj": {"name": "k_adj", "unit": "kN/m"}}
-    assert len(read_sessions(path, scene=ReadOptions(columns=columns)).table) == 24
+    assert len(read_sessions(path, scene=Scene(columns=columns)).table) == 24
     columns["k_adj"]["unit"] = "N/m"
     assert "units that do not fit" in refusal(path, columns=columns).message
     text[1] = ",,,N/m,"
@@ -232,7 +233,7 @@ def test_sheets_of_subjects_are_read_together(tmp_path):
         sheets.setdefault(subject, [NAMES[1:]]).append(cells)
     path = workbook(tmp_path, **sheets)
     scene = {"sessions": {"sheet": "*", "filename": "{subject}"}}
-    sessions = read_sessions(path, scene=ReadOptions.from_mapping(scene))
+    sessions = read_sessions(path, scene=Scene(**scene))
     assert [source.name for source in sessions.sources] == [f"{path}::{name}" for name in sheets]
     assert sessions.table.equals(whole)
 
@@ -246,21 +247,21 @@ def test_a_sheet_of_several_is_named_behind_two_colons(tmp_path):
         ' = "*".'
     )
     assert len(read_sessions(f"{path}::trials").table) == 24
-    scene = ReadOptions(sessions={"sheet": "trials"})
+    scene = Scene(sessions={"sheet": "trials"})
     assert len(read_sessions(path, scene=scene).table) == 24
 
 
 def noticed(tmp_path, text, **tables):
     """Notices and warnings of a study, and the study read under the rule that one of them names."""
     path = csv_file(tmp_path, text)
-    sessions = read_sessions(path, scene=ReadOptions.from_mapping(tables))
+    sessions = read_sessions(path, scene=Scene(**tables))
     return [*sessions.notices, *sessions.warnings]
 
 
 def under_its_rule(tmp_path, notice):
     """The table that is read under the rule a notice gives."""
     rule = notice.text[notice.text.index("exclude = [") :].partition("]")[0] + "]"
-    scene = ReadOptions(sessions=tomllib.loads(rule))
+    scene = Scene(sessions=tomllib.loads(rule))
     return read_sessions(tmp_path / "walls.csv", scene=scene).table
 
 
@@ -313,7 +314,7 @@ def test_unused_columns_may_stand_twice(tmp_path, capsys):
     assert "rows repeat a subject, session, environment and trial" in refusal(path).message
     assert main(["validate", str(path)]) == 2
     assert "and trial: 2 of 4 (50.0%)." in capsys.readouterr().out
-    scene = ReadOptions(sessions={"trial": "order"})
+    scene = Scene(sessions={"trial": "order"})
     found = read_sessions(path, scene=scene)
     assert len(found.table) == 4
     assert "columns not used: 'note', 'note'" in [own.text for own in found.notices]

@@ -11,7 +11,7 @@ from scipy import stats
 from percept import Scene, Study
 from percept.cli import main
 from percept.report.overview import decide
-from percept.sessions import ReadOptions, Sessions
+from percept.sessions import Sessions
 
 VALUES = {"soft": [4.0, 5.0, 7.0, 6.5], "hard": [9.0, 11.0, 8.0, 12.5]}
 
@@ -67,7 +67,7 @@ def test_means_far_apart_stay_where_the_data_have_them_or_are_the_first_thing_sa
         inference={"family": "normal", "level": 0.95, "kinds": ["mean"], "tolerance": 0.1},
         model={"scale": {"x": scale}},
     )
-    options = ReadOptions(quantities=scene.quantities)
+    options = Scene(quantities=scene.quantities)
     study = Study(Sessions.from_frame(table, scene=options), scene)
     said = decide(study.results())[0]
     rows = study.intervals.query("method == 'bayesian'").set_index("environment")

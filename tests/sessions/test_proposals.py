@@ -8,7 +8,7 @@ import pytest
 
 from percept.errors import UsageError
 from percept.scene import Scene
-from percept.sessions import ReadOptions, propose_scene, read_sessions
+from percept.sessions import propose_scene, read_sessions
 from tests.sessions.dialects import WRITERS, example
 
 NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
@@ -107,7 +107,7 @@ def test_a_condition_that_is_no_environment_is_refused_by_its_references(tmp_pat
     path, scene = proposed(tmp_path, "subject,condition,target (mm),response (mm)", lines)
     assert to_edit(scene) == 0
     with pytest.raises(UsageError, match="environment 'b' has the reference 10"):
-        read_sessions(path, scene=ReadOptions.from_mapping(tomllib.loads(scene)))
+        read_sessions(path, scene=Scene(**tomllib.loads(scene)))
 
 
 @pytest.mark.parametrize("units", ["brackets", "row"])
@@ -125,7 +125,7 @@ def test_a_scene_that_asks_nothing_reads_the_file(tmp_path, units):
         names = [f"{name} (N/mm)" for name in names]
     path, scene = proposed(tmp_path, ",".join(["participant,condition,rep", *names]), lines)
     assert to_edit(scene) == 0
-    options = ReadOptions.from_mapping(tomllib.loads(scene))
+    options = Scene(**tomllib.loads(scene))
     table = read_sessions(path, scene=options).table
     assert table["k_ref"].unique().tolist() == pytest.approx([10000 / 9, 20000 / 9])
     assert len(table) == 20
@@ -153,7 +153,7 @@ def test_a_scene_with_a_question_mark_left_is_refused_by_name(tmp_path):
 
 def test_what_is_not_filled_in_is_named():
     with pytest.raises(UsageError) as caught:
-        ReadOptions.from_mapping({"environments": {"a": {"k_ref": "?"}}})
+        Scene(environments={"a": {"k_ref": "?"}})
     assert str(caught.value) == (
         "environments.a.k_ref = '?': is not filled in. Write what is right in the place of each"
         ' "?"; a reference of zero is 0.0.'

@@ -11,7 +11,7 @@ import pytest
 
 from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, Sessions, read_sessions
+from percept.sessions import Sessions, read_sessions
 from percept.sessions.inputs import ids_from_name
 from percept.sessions.quantities import IMPEDANCE, factor
 from tests import DATASETS
@@ -482,7 +482,7 @@ def test_what_aborted_runs_and_trackers_leave_is_left_out_with_a_notice(tmp_path
         ),
     ]
     # A rule of the scene is none of theirs; a file that is named is asked for.
-    scene = ReadOptions(columns={"subject": "subject", "environment": "environment"})
+    scene = Scene(columns={"subject": "subject", "environment": "environment"})
     assert len(read_sessions(tmp_path, scene=scene).sources) == 3
     with pytest.raises(UsageError) as caught:
         read_sessions(tmp_path / "s1_trials.csv", tmp_path / "tracker.csv")
@@ -495,7 +495,7 @@ def test_notices_of_many_files_are_one_with_their_number(tmp_path):
         lines = [f"{subject},a,10,{10 + trial},{trial}" for trial in range(subject)]
         text = "\n".join([f"{HEAD[:-1]},x", *lines])
         (tmp_path / f"s{subject:02d}.csv").write_text(text)
-    unused, kept = texts(read_sessions(tmp_path, scene=ReadOptions(sessions={"keep": "last"})))
+    unused, kept = texts(read_sessions(tmp_path, scene=Scene(sessions={"keep": "last"})))
     assert unused == "columns not used: 'x' (and 29 more like this)"
     # Their numbers differ: the first file's stand there.
     assert kept.startswith('keep = "last" leaves out 0 of 1 rows')

@@ -6,8 +6,9 @@ import pickle
 
 import pytest
 
+from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import ReadError, ReadOptions, read_sessions
+from percept.sessions import ReadError, read_sessions
 from tests.sessions.reading import BOTH, HEAD, read, refusal
 
 CELLS = {
@@ -363,7 +364,7 @@ def test_one_file_in_another_unit_is_refused(tmp_path):
         error.message
     )
     told = {c: {"name": c, "unit": "N/m"} for c in ("k_ref", "k_adj")}
-    found = read_sessions(tmp_path, scene=ReadOptions(columns=told))
+    found = read_sessions(tmp_path, scene=Scene(columns=told))
     assert any("differ by a thousand" in notice.text for notice in found.notices)
 
 
@@ -451,7 +452,7 @@ def test_the_line_of_a_wrong_quote_is_that_of_the_delimiter_meant(tmp_path):
 )
 def test_options_are_checked(tables, message):
     with pytest.raises(UsageError) as caught:
-        ReadOptions.from_mapping(tables)
+        Scene(**tables)
     assert str(caught.value).startswith(message)
 
 

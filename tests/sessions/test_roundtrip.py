@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 
+from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, Sessions, read_sessions
+from percept.sessions import Sessions, read_sessions
 from percept.sessions.values import fold
 from tests import LONG
 from tests.sessions.dialects import Trial, delimited, frame
@@ -88,11 +89,7 @@ def test_delimited(tmp_path_factory, trials, delimiter, mark, encoding, newline,
         )
     except UnicodeEncodeError:
         return
-    options = (
-        ReadOptions(sessions={"decimal": mark, "delimiter": delimiter})
-        if declared
-        else ReadOptions()
-    )
+    options = Scene(sessions={"decimal": mark, "delimiter": delimiter}) if declared else Scene()
     try:
         sessions = read_sessions(file, scene=options)
     except UsageError:

@@ -17,8 +17,9 @@ import pytest
 import rdata
 from scipy.io import savemat
 
+from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, Sessions, read_sessions
+from percept.sessions import Sessions, read_sessions
 
 NAMES = ["subject", "environment", "k_ref", "k_adj"]
 ROWS = [
@@ -30,15 +31,15 @@ FRAME = pd.DataFrame(ROWS, columns=NAMES)
 
 
 def same_as_frame(*paths, **tables):
-    sessions = read_sessions(*paths, scene=ReadOptions(**tables))
-    expected = Sessions.from_frame(FRAME, scene=ReadOptions(**tables))
+    sessions = read_sessions(*paths, scene=Scene(**tables))
+    expected = Sessions.from_frame(FRAME, scene=Scene(**tables))
     pd.testing.assert_frame_equal(sessions.table, expected.table, check_exact=True)
     return sessions
 
 
 def refusal(path, **tables):
     with pytest.raises(UsageError) as caught:
-        read_sessions(path, scene=ReadOptions(**tables))
+        read_sessions(path, scene=Scene(**tables))
     return str(caught.value)
 
 
@@ -69,7 +70,7 @@ def test_numbers_of_json_keep_their_digits_and_cells_their_records(tmp_path):
     text = f'[{{"subject": 1, "environment": "a", "k_ref": 10, {response}}}]'
     (tmp_path / "j.json").write_text(text)
     columns = {"k_adj": {"name": "response", "path": "k", "unit": "N/mm"}}
-    found = read_sessions(tmp_path / "j.json", scene=ReadOptions(columns=columns))
+    found = read_sessions(tmp_path / "j.json", scene=Scene(columns=columns))
     assert found.table["k_adj"].tolist() == [100.0]
 
 
@@ -204,7 +205,7 @@ def test_columns_of_a_matrix_have_numbers(tmp_path):
     matrix = np.array([[1, 1, 300, 310.5], [1, 2, 900, 890], [2, 1, 300, 305], [2, 2, 900, 1000]])
     savemat(tmp_path / "m.mat", {"data": matrix, "subjects": 2.0})
     names = {name: f"column {n}" for n, name in enumerate(NAMES, 1)}
-    found = read_sessions(tmp_path / "m.mat", scene=ReadOptions(columns=names))
+    found = read_sessions(tmp_path / "m.mat", scene=Scene(columns=names))
     assert found.table["k_adj"].tolist() == matrix[:, 3].tolist()
     assert found.subjects == ("1", "2")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 
+from percept import Scene
 from percept.sessions import (
-    ReadOptions,
     format_validation,
     validate,
 )
@@ -40,7 +40,7 @@ def test_what_was_understood_is_a_line_per_environment(tmp_path):
     )
     record = validate(
         file,
-        options=ReadOptions(
+        scene=Scene(
             columns={
                 "k_ref": {"name": "k_ref", "unit": "N/mm"},
                 "k_adj": {"name": "k_adj", "unit": "N/mm"},

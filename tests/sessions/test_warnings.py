@@ -10,7 +10,6 @@ import pytest
 
 from percept import Scene, read_sessions
 from percept.sessions import (
-    ReadOptions,
     Sessions,
     format_validation,
     validate,
@@ -93,14 +92,14 @@ def test_groups_are_not_pooled_in_silence(tmp_path):
     path = tmp_path / "s.csv"
     rows = [f"{row},{'left' if row[0] < '3' else 'right'}" for row in CLEAN]
     path.write_text("\n".join([HEADER + ",hand", *rows]) + "\n")
-    (said,) = read_sessions(path, scene=ReadOptions(sessions={"groups": ["hand"]})).warnings
+    (said,) = read_sessions(path, scene=Scene(sessions={"groups": ["hand"]})).warnings
     assert (
         str(said)
         == "hand: 2 groups ('left' 2 subjects, 'right' 2 subjects) are pooled: every interval is of"
         ' all groups together. [study] factor = "hand" contrasts them; "percept compare FILE --by'
         ' hand" compares two groups of different subjects.'
     )
-    assert read_sessions(path, scene=ReadOptions().with_groups(["hand"])).warnings == ()
+    assert read_sessions(path, scene=Scene(study={"factor": "hand"})).warnings == ()
 
 
 X = "subject,environment,x_ref,x_adj\n"

@@ -15,7 +15,6 @@ from scipy import stats
 from percept import Scene, Study, read_sessions
 from percept.cli import main
 from percept.published import BETWEEN, CORRELATION
-from percept.sessions import ReadOptions
 from tests import DATASETS
 from tests.documents import build_document, page_of
 from tests.simulate.conftest import correlations, printed_limits
@@ -89,8 +88,7 @@ def test_the_description_has_the_columns_and_the_correlations() -> None:
 def test_measured_offsets_have_scipys_limits_and_a_page_of_their_own_words() -> None:
     """Zero, negative and missing settings of a study that nobody here made."""
     scene = Scene.load(DATASETS / "illusions.toml").with_inference(method="classical")
-    options = ReadOptions.from_mapping(dict(scene))
-    study = Study(read_sessions(DATASETS / "illusions.csv", scene=options), scene)
+    study = Study(read_sessions(DATASETS / "illusions.csv", scene=scene), scene)
     table = pd.read_csv(DATASETS / "illusions.csv").set_index("Part_ID")
     assert table.loc[20, "FD"] == 0.0
     assert study.data.environments == ("FLE", "Froh", "FD", "FG", "MIPS", "TG", "FJ")
