@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
@@ -42,7 +42,7 @@ _NAME_COLUMNS = (
 #: Environment of trials that only their own references tell apart.
 _ALL_TRIALS = "all trials"
 #: Rules by canonical column; the name of one is a column of the header, or a pattern of several.
-_Rules = dict[str, ColumnRule]
+Rules = dict[str, ColumnRule]
 
 
 @dataclass(frozen=True)
@@ -53,23 +53,11 @@ class Slot:
     ids: Mapping[str, str] = field(default_factory=dict)  # Read from the names of columns
 
 
-@dataclass(frozen=True)
-class Resolution:
-    """What stands where in one header."""
+def resolve(grid: Grid, options: DataTables) -> tuple[tuple[Slot, ...], Rules]:
+    """Find the canonical columns in a header; announce choices that nobody declared.
 
-    form: str  # "trials" or "summary"
-    slots: tuple[Slot, ...]  # One for a long table, one per environment (and trial) for a wide one
-    rules: Mapping[str, ColumnRule]  # The rule each canonical column was found by
-    announced: tuple[str, ...]  # Choices that nobody declared
-
-    @property
-    def known(self) -> set[str]:
-        """Canonical columns that the header has, or whose values the names of columns hold."""
-        return {*self.rules}.union(*(slot.ids for slot in self.slots))
-
-
-def resolve(grid: Grid, options: DataTables) -> Resolution:
-    """Find the canonical columns in a header."""
+    A long table has one slot, a wide one a slot for each environment (and trial).
+    """
     known = {plain(name) for name in grid.header} | options.columns.keys()
     limits_or_moments = {"lower", "upper"} <= known or {"mean", "sd"} <= known
     summary = "parameter" in known and limits_or_moments
@@ -79,24 +67,22 @@ def resolve(grid: Grid, options: DataTables) -> Resolution:
     rules = {name: rule for name, rule in options.columns.items() if name in wanted}
     if options.sessions.layout == "subjects in columns":
         rules.setdefault(f"{next(iter(options.quantities))}_adj", ColumnRule(name="{subject}"))
-    announced = _by_name(grid, wanted, rules, options)
+    _by_name(grid, wanted, rules, options)
     _refuse_missing(grid, rules)
     if not summary and not any("{environment}" in rule.name for rule in rules.values()):
-        announced += _named_by_reference(rules, options)
-    slots = _slots(grid, rules, options)
-    return Resolution("summary" if summary else "trials", slots, rules, tuple(announced))
+        _name_by_reference(grid, rules, options)
+    return _slots(grid, rules, options), rules
 
 
 def _by_name(
     grid: Grid,
     wanted: Sequence[str],
-    rules: _Rules,
+    rules: Rules,
     options: DataTables,
-) -> list[str]:
+) -> None:
     """Find the columns that no rule names by percept's names, or aliases; announce the latter."""
     taken = {rule.name for rule in rules.values()}
     known = aliases(options.quantities)
-    announced = []
     for canonical in wanted:
         if canonical in rules:
             continue
@@ -110,12 +96,11 @@ def _by_name(
             hint = f'Declare the one that is meant: [columns] {canonical} = "…".'
             raise grid.error(message, canonical, hint)
         if found:
-            announced.append(f"column {found[0]!r} is taken as {canonical}")
+            grid.notice(f"column {found[0]!r} is taken as {canonical}")
             rules[canonical] = ColumnRule(name=found[0])
-    return announced
 
 
-def _refuse_missing(grid: Grid, rules: _Rules) -> None:
+def _refuse_missing(grid: Grid, rules: Rules) -> None:
     """Refuse rules on columns that are not there; without an adjustment the file is no table."""
     there = {
         canonical
@@ -130,14 +115,15 @@ def _refuse_missing(grid: Grid, rules: _Rules) -> None:
             raise grid.error(message, rule.name, grid.columns_like(rule.name), kind)
 
 
-def _named_by_reference(rules: _Rules, options: DataTables) -> list[str]:
+def _name_by_reference(grid: Grid, rules: Rules, options: DataTables) -> None:
     """Let the values of the first reference name environments that have no column."""
     references = [column for column in rules if column.endswith("_ref")]
     by_file = "{environment}" in (options.sessions.filename or "")
     if "environment" in rules or not references or by_file or options.trial_references:
-        return []
+        return
     rules["environment"] = rules[references[0]]
-    return [f"environments are named by the values of column {rules['environment'].name!r}"]
+    name = rules["environment"].name
+    grid.notice(f"environments are named by the values of column {name!r}")
 
 
 def aliases(quantities: Quantities) -> dict[str, set[str]]:
@@ -156,7 +142,7 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.casefold()).strip("_")
 
 
-def _slots(grid: Grid, rules: _Rules, options: DataTables) -> tuple[Slot, ...]:
+def _slots(grid: Grid, rules: Rules, options: DataTables) -> tuple[Slot, ...]:
     """Give the one slot of a long table, or those that the names of a wide one hold."""
     taken = {rule.name for rule in rules.values()} | _named_apart(options)
     common: dict[str, int] = {}
@@ -182,7 +168,7 @@ def _slots(grid: Grid, rules: _Rules, options: DataTables) -> tuple[Slot, ...]:
     return tuple(Slot(common | columns, alone | dict(ids)) for ids, columns in slots)
 
 
-def _alone(rules: _Rules, options: DataTables) -> dict[str, str]:
+def _alone(rules: Rules, options: DataTables) -> dict[str, str]:
     """Name the one environment that needs no column, if there can be only one."""
     if "environment" in rules:
         return {}
@@ -230,9 +216,9 @@ def _missing_numbers(present: Collection[str], options: DataTables) -> list[str]
     return missing
 
 
-def unused_columns(grid: Grid, found: Resolution, options: DataTables) -> list[str]:
+def unused_columns(grid: Grid, slots: Iterable[Slot], options: DataTables) -> list[str]:
     """Name the columns of a header that nothing is read from."""
-    read = {position for slot in found.slots for position in slot.columns.values()}
+    read = {position for slot in slots for position in slot.columns.values()}
     apart = _named_apart(options)
     names = enumerate(grid.header)
     return [name for position, name in names if position not in read and name not in apart]

@@ -106,6 +106,10 @@ class Grid:
             hint = "Leave the file out."
             raise NoDataError(message, file=file, row=self.header_row, hint=hint)
 
+    def notice(self, text: str, row: int | None = None) -> None:
+        """Say something about the file, or one of its rows."""
+        self.notices.append(Notice(text, self.file, row))
+
     def position(self, name: str) -> int:
         """Return where the one column of a name stands."""
         if self.header.count(name) == 1:
@@ -152,7 +156,7 @@ class Grid:
                 hint = "Write the names of the columns in a line above the data."
                 raise UsageError(message, file=self.file, row=row, value=what, hint=hint)
             text = f"the header is in line {line}; what stands above it is skipped: {shown([what])}"
-            self.notices.append(Notice(text, self.file, row))
+            self.notice(text, row)
         _refuse_two_headers(table, self.file)
         self.units = _units([cells for _, cells in table])
         last = table[0]
@@ -177,7 +181,7 @@ class Grid:
             elif text.startswith(_COMMENT) and _is_comment(cells):
                 if not self.dropped["comment"]:
                     text = f"comments are skipped, here the first: {shown([cells[0]])}"
-                    self.notices.append(Notice(text, self.file, line))
+                    self.notice(text, line)
                 self.dropped["comment"] += 1
             else:
                 width = width or len(cells)

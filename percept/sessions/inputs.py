@@ -219,7 +219,16 @@ class Input:
     name: str
     path: str
     data: bytes
+    limits: FileLimits
     part: str | None = None  # The sheet, table or variable that is named behind "::"
+
+    def hold_table(self, rows: int, columns: int) -> None:
+        """Refuse a table of more rows or cells than the limits."""
+        self.limits.hold_table(rows, columns, self.name)
+
+    def hold_size(self, size: int) -> None:
+        """Refuse what unpacks to more bytes than the limit."""
+        self.limits.hold("size", size, self.name)
 
 
 @contextmanager
@@ -251,7 +260,7 @@ def load(name: str, limits: FileLimits) -> Iterator[Input]:
             data = stream.read(limits.size + 1)
     except OSError as error:
         raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
-    limits.hold_size(len(data), name)
+    limits.hold("size", len(data), name)
     if data.startswith(_ZIP) and not re.match(WORKBOOK, data):
         yield from _members(data, name, limits)
         return
@@ -259,7 +268,7 @@ def load(name: str, limits: FileLimits) -> Iterator[Input]:
         if data.startswith(signature):
             data = _unpacked(partial(unpack, io.BytesIO(data)), name, limits)
             break
-    yield Input(name, place, data, part)
+    yield Input(name, place, data, limits, part)
 
 
 def csv_frame(path: str, limits: FileLimits) -> pd.DataFrame:
@@ -294,7 +303,7 @@ def _members(data: bytes, name: str, limits: FileLimits) -> Iterator[Input]:
     """Unpack the tables of a zip archive, one by one."""
     with refusing(name, "archive"):
         archive = zipfile.ZipFile(io.BytesIO(data))
-    limits.hold_size(sum(member.file_size for member in archive.infolist()), name)
+    limits.hold("size", sum(member.file_size for member in archive.infolist()), name)
     tables = [
         member
         for member in sorted(archive.namelist())
@@ -305,7 +314,7 @@ def _members(data: bytes, name: str, limits: FileLimits) -> Iterator[Input]:
     for member in tables:
         content = _unpacked(partial(archive.open, member), f"{name}!{member}", limits)
         # Some archivers write backslashes.
-        yield Input(f"{name}!{member}", member.replace("\\", "/"), content)
+        yield Input(f"{name}!{member}", member.replace("\\", "/"), content, limits)
 
 
 def _unpacked(packed: Callable[[], Any], name: str, limits: FileLimits) -> bytes:
@@ -314,7 +323,7 @@ def _unpacked(packed: Callable[[], Any], name: str, limits: FileLimits) -> bytes
     with refusing(name, "archive"), packed() as stream:
         while content.tell() <= limits.size and (part := stream.read(_BLOCK)):
             content.write(part)
-    limits.hold_size(content.tell(), name)
+    limits.hold("size", content.tell(), name)
     return content.getvalue()
 
 

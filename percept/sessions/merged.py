@@ -159,7 +159,7 @@ def without_ends(table: pd.DataFrame, quantities: Sequence[Quantity], log: Log) 
             log.exclusions.append(Exclusion(row.subject, what, why, file, row.row))
         text = (
             f"{counted(len(rows), 'value')} of {table[column].notna().sum()} at the limits of the"
-            f" control, {quantity.amounts((lowest, highest))}, are left out:"
+            f" control, {quantity.amount(lowest, highest)}, are left out:"
             f" {by_environment(table, at_end)}. Every interval describes the other values only"
         )
         log.notices.append(Notice(text, column=column))

@@ -184,14 +184,10 @@ class FileLimits(Table):
 
     def hold_table(self, rows: int, columns: int, file: str) -> None:
         """Refuse a table of more rows or cells."""
-        self._hold("rows", rows, file)
-        self._hold("cells", rows * columns, file)
+        self.hold("rows", rows, file)
+        self.hold("cells", rows * columns, file)
 
-    def hold_size(self, size: int, file: str) -> None:
-        """Refuse a file that unpacks to more bytes."""
-        self._hold("size", size, file)
-
-    def _hold(self, name: str, number: int, file: str) -> None:
+    def hold(self, name: str, number: int, file: str) -> None:
         """Refuse a number above the limit of that name."""
         limit = getattr(self, name)
         if number > limit:

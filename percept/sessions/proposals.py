@@ -122,7 +122,7 @@ def propose_scene(*paths: str | Path) -> str:
         with problems.collecting():
             for entry in islice(load(file, options.files), _FILES):
                 with problems.collecting():
-                    grid = read_grid(entry, options, [])
+                    grid = read_grid(entry, options)
                     refuse_headless(grid)
                     tables.setdefault(tuple(grid.header), (entry.name, _columns(grid)))
     if not tables:

@@ -18,7 +18,6 @@ _IMPEDANCE = {
     "k": {"label": "stiffness", "unit": "N/m"},
     "b": {"label": "damping", "unit": "N·s/m"},
 }
-_SAME = {"N·s/m": frozenset({"N*s/m", "Ns/m", "N s/m"})}
 # A plain product or quotient of names; an expression such as 10**10**10 is never handed to a
 # parser.
 _UNIT = re.compile(r"[A-Za-zµ°%]+[²³]?(?:[·*/ ][A-Za-zµ°%]+[²³]?){0,4}")
@@ -182,13 +181,9 @@ class Quantity(Table):
         """Label and symbol for the head of a table, such as "Stiffness k"."""
         return capitalised(self.words)
 
-    def amount(self, number: float) -> str:
-        """Write a value with its unit, to four digits."""
-        return f"{number:.4g} {self.unit}".rstrip()
-
-    def amounts(self, ends: Iterable[float]) -> str:
-        """Write the ends of an interval with their unit, to four digits."""
-        return f"{' to '.join(f'{end:.4g}' for end in ends)} {self.unit}".rstrip()
+    def amount(self, *numbers: float) -> str:
+        """Write a value, or the ends of an interval, with the unit, to four digits."""
+        return f"{' to '.join(f'{number:.4g}' for number in numbers)} {self.unit}".rstrip()
 
 
 Quantities = Mapping[str, Quantity]
@@ -224,18 +219,10 @@ def quantity_of(column: str) -> str:
     return column.rpartition("_")[0]
 
 
-def trial_columns(quantities: Iterable[str]) -> tuple[str, ...]:
-    """Name the columns of a table of trials, in order."""
-    names = list(quantities)
-    references = [f"{name}_ref" for name in names]
-    adjustments = [f"{name}_adj" for name in names]
-    return (*IDS, *references, "trial", *adjustments)
-
-
 @lru_cache
 def factor(unit: str | None, quantity: Quantity) -> float:
     """Factor from a declared unit to the quantity's; pint is imported if it must."""
-    if unit is None or unit == quantity.unit or unit in _SAME.get(quantity.unit, ()):
+    if unit is None or unit == quantity.unit:
         return 1.0
     import pint
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import doubts, merged
-from percept.sessions.options import DataTables
-from percept.sessions.quantities import Quantities, Quantity, trial_columns
+from percept.sessions.options import DataTables, canonical_columns
+from percept.sessions.quantities import Quantities, Quantity
 from percept.sessions.records import (
     IDS,
     MASS,
@@ -27,7 +27,7 @@ from percept.sessions.records import (
     Source,
     once_per_kind,
 )
-from percept.sessions.tables import Log, OpenFile, open_files, open_frame
+from percept.sessions.tables import Form, Log, OpenFile, open_files, open_frame
 from percept.sessions.trials import read_summary, read_trials
 from percept.sessions.values import fold
 
@@ -71,7 +71,7 @@ class Sessions:
     """
 
     table: pd.DataFrame
-    form: Literal["trials", "summary"]
+    form: Form
     sources: tuple[Source, ...] = ()
     notices: tuple[Notice, ...] = ()
     exclusions: tuple[Exclusion, ...] = ()
@@ -234,19 +234,18 @@ def _merged(scene: DataTables | None, opened: _Opened, paths: Sequence[str] = ()
         raise UsageError(f"a scene is needed, not {type(scene).__name__}.", hint=hint)
     log = Log(options, paths)
     frames = []
-    first_of_form: dict[str, str] = {}
+    forms: dict[Form, str] = {}  # The first file of each
     for file in opened(log):
         with log.problems.collecting():
-            form = file.resolution.form
-            first_of_form.setdefault(form, file.name)
-            frame = read_summary(file) if form == "summary" else read_trials(file)
+            forms.setdefault(file.form, file.name)
+            frame = read_summary(file) if file.form == "summary" else read_trials(file)
             frames.append(frame.assign(file=len(log.sources) - 1))
-    form, *others = first_of_form or [""]
-    if others:
+            log.notices += file.grid.notices
+    for name in [*forms.values()][1:]:
         message = "trials and a published summary cannot be read together."
-        name = first_of_form[others[0]]
         log.problems.add(message, file=name, hint="Read them one by one.")
     _refuse_nothing(log, frames)
+    (form,) = forms
     table = pd.concat(frames, ignore_index=True)
     if form == "summary":
         log.refuse(table, merged.summary(table, options))
@@ -258,7 +257,7 @@ def _merged(scene: DataTables | None, opened: _Opened, paths: Sequence[str] = ()
         tidy = table.drop(columns=["file", "row"])
     return Sessions(
         table=tidy,
-        form="summary" if form == "summary" else "trials",
+        form=form,
         sources=tuple(log.sources),
         notices=once_per_kind(log.notices),
         exclusions=tuple(log.exclusions),
@@ -305,7 +304,7 @@ def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
     options = log.options
     parameters = [p for p in options.quantities if p in log.parameters]
     quantities = [options.quantities[p] for p in parameters]
-    others = (*trial_columns(options.quantities), MASS, "row", "file")
+    others = (*canonical_columns(options.quantities), MASS, "row", "file")
     groups = [str(name) for name in table if name not in others]
     # A file that lacks a group column leaves blanks, never the text "nan".
     table[groups] = table[groups].fillna("").astype("str")

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 from hashlib import sha256
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions.columns import Resolution, check_columns, resolve, unused_columns
+from percept.sessions.columns import Rules, Slot, check_columns, resolve, unused_columns
 from percept.sessions.grid import Grid, LayoutError, refuse_headless, text_grid
 from percept.sessions.inputs import WORKBOOK, Input, decode, expand, ids_from_name, load
 from percept.sessions.options import DataTables, ExcludeRule
@@ -33,6 +33,7 @@ from percept.sessions.records import (
 from percept.sessions.typed import grid_of, sheets, typed_grid
 from percept.sessions.values import SPACE, decimal_mark, parse_numbers
 
+Form = Literal["trials", "summary"]
 #: Rows that are taken from a file at a time: so few that they die before Python looks for garbage.
 _ROWS = 200
 
@@ -71,7 +72,8 @@ class OpenFile:
     """A file whose header is known."""
 
     grid: Grid
-    resolution: Resolution
+    slots: tuple[Slot, ...]
+    rules: Rules  # What each canonical column was found by
     ids: Mapping[str, str]  # Of the file's name
     digest: str  # SHA-256 of its bytes
     log: Log
@@ -86,15 +88,16 @@ class OpenFile:
         """How the study is read."""
         return self.log.options
 
-    def notice(self, text: str) -> None:
-        """Say something about the whole file."""
-        self.log.notices.append(Notice(text, self.name))
+    @property
+    def form(self) -> Form:
+        """Whether it holds trials or a published table."""
+        return "summary" if "parameter" in self.rules else "trials"
 
     def report(self, problems: Iterable[Found]) -> None:
         """Record problems of columns, by their canonical names or labels, and physical rows."""
         for message, column, row, value, hint in problems:
             canonical = str(getattr(column, "name", column))
-            rule = self.resolution.rules.get(canonical)
+            rule = self.rules.get(canonical)
             name = canonical if rule is None else rule.name
             hint = hint.replace("COLUMN", name).replace("CANONICAL", canonical)
             self.log.problems.add(
@@ -115,7 +118,6 @@ class OpenFile:
                 column += [share(cells[at], cells[at]) for _, cells in part]
         self.log.counts["rows read"] += len(lines)
         self.log.counts.update(self.grid.dropped)
-        self.log.notices += self.grid.notices
         self.log.sources.append(Source(self.name, self.digest, len(lines)))
         return pd.DataFrame(texts, index=lines, dtype="str")
 
@@ -169,7 +171,7 @@ def _open_input(entry: Input, log: Log, *, named: bool) -> Iterator[OpenFile]:
     """Open one input; nothing comes of a file without trials."""
     digest = sha256(entry.data).hexdigest()
     try:
-        grid = read_grid(entry, log.options, log.notices)
+        grid = read_grid(entry, log.options)
         ids = ids_from_name(entry.path, log.options.sessions.filename, file=entry.name)
         file = _open(grid, ids, digest, log)
     except NoDataError as error:
@@ -188,7 +190,8 @@ def _open_input(entry: Input, log: Log, *, named: bool) -> Iterator[OpenFile]:
 def open_frame(frame: pd.DataFrame, log: Log) -> Iterator[OpenFile]:
     """Take a DataFrame as a file; a row's number is its position plus 2, as below a header."""
     rows = chain([list(frame.columns)], frame.itertuples(index=False, name=None))
-    yield _open(grid_of(rows, "<frame>", log.options.files), {}, "", log)
+    entry = Input("<frame>", "", b"", log.options.files)
+    yield _open(grid_of(rows, entry), {}, "", log)
 
 
 def _open(
@@ -199,11 +202,11 @@ def _open(
 ) -> OpenFile:
     """Find out from the header what kind of table a file is."""
     options = log.options
-    resolution = _with_units(grid, resolve(grid, options), options)
-    rules = resolution.rules
-    file = OpenFile(grid, resolution, ids, digest, log)
-    if resolution.form == "trials":
-        present = {*resolution.known, *ids}
+    slots, rules = resolve(grid, options)
+    _take_units(grid, slots, rules, options)
+    file = OpenFile(grid, slots, rules, ids, digest, log)
+    if file.form == "trials":
+        present = {*rules, *ids}.union(*(slot.ids for slot in slots))
         if options.sessions.subject == "row":
             present.add("subject")
         try:
@@ -213,26 +216,23 @@ def _open(
             raise
         log.parameters |= {name for name in options.quantities if f"{name}_adj" in rules}
         log.declared_units |= {name for name, rule in rules.items() if rule.has_known_unit}
-    for text in resolution.announced:
-        file.notice(text)
     for column in sorted(ids.keys() & rules.keys()):
         name = rules[column].name
-        file.notice(f"{column} is taken from the file's name; column {name!r} is not used")
-    if unused := unused_columns(grid, resolution, options):
-        file.notice(f"columns not used: {shown(unused)}")
+        grid.notice(f"{column} is taken from the file's name; column {name!r} is not used")
+    if unused := unused_columns(grid, slots, options):
+        grid.notice(f"columns not used: {shown(unused)}")
     return file
 
 
-def _with_units(grid: Grid, found: Resolution, options: DataTables) -> Resolution:
+def _take_units(grid: Grid, slots: Iterable[Slot], rules: Rules, options: DataTables) -> None:
     """Give the columns of numbers the units of a row below the header, where there is one."""
     if not grid.units:
-        return found
+        return
     quantities = with_mass(options.quantities)
-    rules = dict(found.rules)
     read = []
-    for canonical, rule in found.rules.items():
+    for canonical, rule in rules.items():
         quantity = quantities.get(quantity_of(canonical))
-        columns = [slot.columns[canonical] for slot in found.slots if canonical in slot.columns]
+        columns = [slot.columns[canonical] for slot in slots if canonical in slot.columns]
         words = {grid.units.get(grid.header[column], "") for column in columns}
         unit = max(words)
         if quantity is None or not unit:
@@ -246,11 +246,9 @@ def _with_units(grid: Grid, found: Resolution, options: DataTables) -> Resolutio
             raise _second_header(grid, rule.name, unit)
         rules[canonical] = rule.model_copy(update={"unit": unit})
         read.append(f"{shown([unit])} of {shown([rule.name])}")
-    if not read or found.form == "summary":
+    if not read:
         raise _second_header(grid, *next(iter(grid.units.items())))
-    text = f"line {grid.units_row} is read as units: {', '.join(read)}"
-    grid.notices.append(Notice(text, grid.file, grid.units_row))
-    return replace(found, rules=rules)
+    grid.notice(f"line {grid.units_row} is read as units: {', '.join(read)}", grid.units_row)
 
 
 def _second_header(grid: Grid, column: str, word: str) -> LayoutError:
@@ -267,11 +265,12 @@ def _second_header(grid: Grid, column: str, word: str) -> LayoutError:
     return LayoutError(message, file=grid.file, row=row, column=column, value=word, hint=hint)
 
 
-def read_grid(entry: Input, options: DataTables, notices: list[Notice]) -> Grid:
+def read_grid(entry: Input, options: DataTables) -> Grid:
     """Give the cells of one input, whatever its format."""
-    if (grid := typed_grid(entry, options.files)) is not None:
+    if (grid := typed_grid(entry)) is not None:
         return grid
     text, encoding = decode(entry, options.sessions.encoding)
+    grid = text_grid(text, entry.name, options.sessions.delimiter)
     if encoding == "cp1252" and options.sessions.encoding is None:
-        notices.append(Notice("not UTF-8; read as Windows-1252", entry.name))
-    return text_grid(text, entry.name, options.sessions.delimiter)
+        grid.notice("not UTF-8; read as Windows-1252")
+    return grid

@@ -19,7 +19,7 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import values
 from percept.sessions.options import KEPT_COLUMNS, canonical_columns
-from percept.sessions.quantities import factor, numbers_of, quantity_of, trial_columns, with_mass
+from percept.sessions.quantities import factor, numbers_of, quantity_of, with_mass
 from percept.sessions.records import IDS, MASS, Exclusion, Found, shown
 from percept.sessions.tables import OpenFile
 
@@ -74,7 +74,7 @@ def _file_columns(file: OpenFile) -> dict[Any, int]:
 def _melted(file: OpenFile) -> pd.DataFrame:
     """Give a row for each observation, with its ids: one set of columns, or several melted."""
     file_columns = _file_columns(file)
-    slots = file.resolution.slots
+    slots = file.slots
     positions = set(file_columns.values())
     for slot in slots:
         positions.update(slot.columns.values())
@@ -155,7 +155,7 @@ def _exclude(
 
 def _unpack_json(file: OpenFile, data: pd.DataFrame) -> None:
     """Take values out of JSON cells; records of other kinds of trial may lack them."""
-    for canonical, rule in file.resolution.rules.items():
+    for canonical, rule in file.rules.items():
         if rule.path is None:
             continue
         picked = []
@@ -216,7 +216,7 @@ def _convert(file: OpenFile, data: pd.DataFrame) -> None:
     names = [name for name in data if name in canonical or getattr(name, "is_number", False)]
     for name, numbers in file.numbers(data, names, _CORRECT_CELL).items():
         data[name] = numbers
-        rule = file.resolution.rules.get(name)
+        rule = file.rules.get(name)
         if rule is not None and name != "trial":
             data[name] *= rule.scale * factor(rule.unit, quantities[quantity_of(name)])
     if "trial" in data:
@@ -238,7 +238,7 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     rows = len(data)
     earlier = rows - len(last)
     file.log.counts["earlier event of a trial"] += earlier
-    file.notice(
+    file.grid.notice(
         f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%}) as'
         f" earlier events of a trial; one row stays per {', '.join(ids)}"
     )
@@ -263,7 +263,9 @@ def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
 def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
     options = file.options
-    columns = [*trial_columns(options.quantities)]
+    names = list(options.quantities)
+    columns = [*IDS, *(f"{name}_ref" for name in names), "trial"]
+    columns += [f"{name}_adj" for name in names]
     if MASS in data or MASS in options.declared_references:
         columns.append(MASS)
     frame = data.reindex(columns=columns)
@@ -279,7 +281,7 @@ def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
 
 def read_summary(file: OpenFile) -> pd.DataFrame:
     """Give the rows of a published table with limits; means and SDs become limits."""
-    columns = file.resolution.slots[0].columns
+    columns = file.slots[0].columns
     has_limits = {"lower", "upper"} <= columns.keys()
     pair = ("lower", "upper") if has_limits else ("mean", "sd")
     names = ["reference", *pair, "n"]
@@ -287,9 +289,9 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
         names.append("level")
     _require(file, ("environment", *names))
     if has_limits and columns.keys() & {"mean", "sd"}:
-        file.notice("mean and sd are not used: lower and upper are there")
+        file.grid.notice("mean and sd are not used: lower and upper are there")
     if "level" not in columns:
-        file.notice(f"means and SDs without a level are kept as their limits at {_LEVEL}")
+        file.grid.notice(f"means and SDs without a level are kept as their limits at {_LEVEL}")
     positions = list(columns.values())
     cells = file.cells(positions)[positions].set_axis(list(columns), axis=1)
     numbers = file.numbers(cells, names, "Correct the cell.")
@@ -303,12 +305,12 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
 def _require(file: OpenFile, names: Sequence[str]) -> None:
     """Refuse a table that lacks a column, or declares a unit."""
     for column in names:
-        if column not in file.resolution.slots[0].columns:
+        if column not in file.slots[0].columns:
             there = shown(file.grid.header)
             message = f"a published table needs the column {column}; the columns are {there}."
             hint = "Add it, or name it in the scene's [columns]."
             raise file.grid.error(message, column, hint)
-    if any(rule.unit is not None for rule in file.resolution.rules.values()):
+    if any(rule.unit is not None for rule in file.rules.values()):
         units = " and ".join(quantity.unit for quantity in file.options.quantities.values())
         message = f"a published table is in {units}."
         raise UsageError(message, file=file.name, key="columns", hint="Convert the table.")

@@ -25,7 +25,6 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions.grid import Grid, refuse_half
 from percept.sessions.inputs import WORKBOOK, Input, refusing
-from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, shown
 from percept.sessions.values import loaded_json
 
@@ -33,7 +32,7 @@ from percept.sessions.values import loaded_json
 _Columns = dict[str, Any]
 #: The header, then the rows.
 _Rows = Iterator[Sequence[Any]]
-_Reader = Callable[[Input, FileLimits], _Rows]
+_Reader = Callable[[Input], _Rows]
 #: Bytes of one cell of a database: more than any mouse track has.
 _LONGEST_CELL = 16 << 20
 #: Of MATLAB's files: bytes before the first variable.
@@ -60,7 +59,7 @@ _OBJECT_HINT = (
 _MAKE_FRAME = 'In R: write.csv(as.data.frame(OBJECT), "data.csv"), then read data.csv.'
 
 
-def typed_grid(entry: Input, limits: FileLimits) -> Grid | None:
+def typed_grid(entry: Input) -> Grid | None:
     """Read a table and write its values as text; None for plain text.
 
     Raises
@@ -70,11 +69,11 @@ def typed_grid(entry: Input, limits: FileLimits) -> Grid | None:
     """
     for signature, reader in _READERS.items():
         if re.match(signature, entry.data):
-            return grid_of(reader(entry, limits), entry.name, limits)
+            return grid_of(reader(entry), entry)
     return None
 
 
-def grid_of(rows: _Rows, file: str, limits: FileLimits) -> Grid:
+def grid_of(rows: _Rows, entry: Input) -> Grid:
     """Write a header and rows of values as text, within the limits.
 
     Raises
@@ -82,20 +81,20 @@ def grid_of(rows: _Rows, file: str, limits: FileLimits) -> Grid:
     UsageError
         There is no row below a header, the table passes a limit, or a text cannot be written.
     """
-    return Grid(_texts(rows, file, limits), file)
+    return Grid(_texts(rows, entry), entry.name)
 
 
-def _texts(rows: _Rows, file: str, limits: FileLimits) -> Iterator[tuple[int, list[str]]]:
+def _texts(rows: _Rows, entry: Input) -> Iterator[tuple[int, list[str]]]:
     """Write the cells of each row; a file may hold one long text many times."""
     size = 0
-    with refusing(file):
+    with refusing(entry.name):
         for number, row in enumerate(rows, 1):
-            limits.hold_table(number, len(row), file)
+            entry.hold_table(number, len(row))
             texts = [_text(value) for value in row]
             joined = "".join(texts)
-            refuse_half(joined, file, number)
+            refuse_half(joined, entry.name, number)
             size += len(joined)
-            limits.hold_size(size, file)
+            entry.hold_size(size)
             yield number, texts
 
 
@@ -121,13 +120,13 @@ def _chosen(names: Sequence[str], entry: Input, remedy: str = "") -> str:
     raise UsageError(f"the file holds {what}; there are {shown(names)}.", hint=hint)
 
 
-def _side_by_side(columns: _Columns, limits: FileLimits, file: str) -> _Rows:
+def _side_by_side(columns: _Columns, entry: Input) -> _Rows:
     """Put columns side by side; columns of another length than most are no part of the table."""
     lists = {name: [cells] if np.ndim(cells) == 0 else cells for name, cells in columns.items()}
     lengths = Counter(map(len, lists.values()))
     length = lengths.most_common(1)[0][0]
     table = {name: cells for name, cells in lists.items() if len(cells) == length}
-    limits.hold_table(length, len(table), file)
+    entry.hold_table(length, len(table))
     yield list(table)
     yield from zip(*(map(_plain, cells) for cells in table.values()), strict=True)
 
@@ -141,12 +140,12 @@ def _plain(item: Any) -> Any:
     return int(item) if isinstance(item, float) and item.is_integer() else item
 
 
-def _parquet(entry: Input, limits: FileLimits) -> _Rows:
+def _parquet(entry: Input) -> _Rows:
     """Read a Parquet file, whose footer states its size."""
     from pyarrow import parquet
 
     file = parquet.ParquetFile(io.BytesIO(entry.data))
-    limits.hold_table(file.metadata.num_rows, file.metadata.num_columns, entry.name)
+    entry.hold_table(file.metadata.num_rows, file.metadata.num_columns)
     yield file.schema_arrow.names
     for batch in file.iter_batches():
         yield from zip(*(column.to_pylist() for column in batch.columns), strict=True)
@@ -172,7 +171,7 @@ def _workbook(entry: Input, *, values: bool = True) -> Any:
     return openpyxl.load_workbook(io.BytesIO(entry.data), read_only=True, data_only=values)
 
 
-def _sheet(entry: Input, limits: FileLimits) -> _Rows:
+def _sheet(entry: Input) -> _Rows:
     """Read a sheet; a blank cell ends each row, as a delimiter may in texts."""
     book = _workbook(entry)
     names = book.sheetnames
@@ -191,7 +190,7 @@ def _sheet(entry: Input, limits: FileLimits) -> _Rows:
             values.pop()
         rows.append(values)
         width = max(width, len(values))
-        limits.hold_table(len(rows), width, entry.name)
+        entry.hold_table(len(rows), width)
     yield from (values + [""] * (width + 1 - len(values)) for values in rows)
 
 
@@ -208,7 +207,7 @@ def _sheet_value(cell: Any, written: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _json(entry: Input, limits: FileLimits) -> _Rows:
+def _json(entry: Input) -> _Rows:
     """Read records: a list of objects, one behind each key, columns as lists, or JSON Lines."""
     text = entry.data.decode("utf-8-sig")
     try:
@@ -218,7 +217,7 @@ def _json(entry: Input, limits: FileLimits) -> _Rows:
     if isinstance(values, dict):
         lists = {key: value for key, value in values.items() if isinstance(value, list)}
         if any(value and not isinstance(value[0], dict) for value in lists.values()):
-            yield from _side_by_side(lists, limits, entry.name)
+            yield from _side_by_side(lists, entry)
             return
         if lists:
             values = lists[_chosen(list(lists), entry)]
@@ -244,7 +243,7 @@ def _json_cell(value: Any) -> Any:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, dict | list | bool) else value
 
 
-def _database(entry: Input, limits: FileLimits) -> _Rows:
+def _database(entry: Input) -> _Rows:
     """Read a table of an SQLite database; its views and triggers are not used."""
     import sqlite3
 
@@ -261,11 +260,11 @@ def _database(entry: Input, limits: FileLimits) -> _Rows:
         yield from cursor
 
 
-def _matlab(entry: Input, limits: FileLimits) -> _Rows:
+def _matlab(entry: Input) -> _Rows:
     """Read a struct of columns, an array of structs, a matrix, or vectors of one length."""
     found: dict[str, _Columns] = {}
     alone: _Columns = {}
-    for name, value in _variables(entry, limits):
+    for name, value in _variables(entry):
         if isinstance(value, list) and any(isinstance(item, dict) for item in value):
             value = dict(pd.DataFrame(value, dtype=object))
         elif np.ndim(value) == 2:
@@ -286,10 +285,10 @@ def _matlab(entry: Input, limits: FileLimits) -> _Rows:
             hint = "Save the table alone. In MATLAB: T = study.trials; save('T.mat', 'T', '-v7')."
             raise NoDataError(message, hint=hint)
         found = tables or ({"": alone} if alone else {})
-    yield from _side_by_side(found[_chosen(list(found), entry)], limits, entry.name)
+    yield from _side_by_side(found[_chosen(list(found), entry)], entry)
 
 
-def _variables(entry: Input, limits: FileLimits) -> Iterator[tuple[str, Any]]:
+def _variables(entry: Input) -> Iterator[tuple[str, Any]]:
     """Give each variable's name and value; only what the bytes hold is made, whatever they state.
 
     A struct is a dict, an array of structs or a cell array a list, a text a str, and numbers are an
@@ -298,9 +297,9 @@ def _variables(entry: Input, limits: FileLimits) -> Iterator[tuple[str, Any]]:
     size = 0
     for kind, element in _elements(memoryview(entry.data)[_HEADER:], padded=False):
         if kind == _COMPRESSED:
-            content = zlib.decompressobj().decompress(element, limits.size + 1 - size)
+            content = zlib.decompressobj().decompress(element, entry.limits.size + 1 - size)
             size += len(content)
-            limits.hold_size(size, entry.name)
+            entry.hold_size(size)
             kind, element = next(_elements(memoryview(content)))
         if kind == _MATRIX and element:
             yield _array(element)
@@ -367,7 +366,7 @@ def _structs(values: Sequence[tuple[int, memoryview]]) -> Any:
     return structs[0] if len(structs) == 1 else structs or {name: [] for name in names}
 
 
-def _r(entry: Input, limits: FileLimits) -> _Rows:
+def _r(entry: Input) -> _Rows:
     """Read a data frame of an .rds, .rda or .RData file."""
     import rdata
 
@@ -377,7 +376,7 @@ def _r(entry: Input, limits: FileLimits) -> _Rows:
         """Make a sequence, which R writes as its length alone, unless it passes a limit."""
         nonlocal made
         made += int(state.value[0])
-        limits.hold_table(made, 1, entry.name)
+        entry.hold_table(made, 1)
         return construct(state)
 
     constructors = dict(rdata.parser.DEFAULT_ALTREP_MAP)
@@ -397,7 +396,7 @@ def _r(entry: Input, limits: FileLimits) -> _Rows:
     if not frames:
         raise NoDataError("there is no data frame in this R file.", hint=_MAKE_FRAME)
     frame = frames[_chosen(list(frames), entry)]
-    yield from _side_by_side({str(name): frame[name] for name in frame}, limits, entry.name)
+    yield from _side_by_side({str(name): frame[name] for name in frame}, entry)
 
 
 #: How files begin, and what reads them; of JSON those that hold records or lists.
