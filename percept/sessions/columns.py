@@ -5,20 +5,19 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 
 from percept.errors import UsageError, did_you_mean
 from percept.sessions.grid import Grid
 from percept.sessions.options import (
     KEPT_COLUMNS,
-    SUMMARY,
     ColumnRule,
     DataTables,
     canonical_columns,
 )
 from percept.sessions.quantities import Quantities, numbers_of, with_mass
-from percept.sessions.records import NoDataError, shown
+from percept.sessions.records import MOMENTS_COLUMNS, SUMMARY_COLUMNS, NoDataError, shown
 
 _WORDS = {
     "subject": (
@@ -50,7 +49,7 @@ class Slot:
     """One set of adjustments in a row: all of a long table, one environment of a wide one."""
 
     columns: Mapping[str, int]  # From canonical name to a position in the header
-    ids: Mapping[str, str] = field(default_factory=dict)  # Read from the names of columns
+    ids: Mapping[str, str]  # Read from the names of columns
 
 
 def resolve(grid: Grid, options: DataTables) -> tuple[tuple[Slot, ...], Rules]:
@@ -59,9 +58,11 @@ def resolve(grid: Grid, options: DataTables) -> tuple[tuple[Slot, ...], Rules]:
     A long table has one slot, a wide one a slot for each environment (and trial).
     """
     known = {plain(name) for name in grid.header} | options.columns.keys()
-    limits_or_moments = {"lower", "upper"} <= known or {"mean", "sd"} <= known
-    summary = "parameter" in known and limits_or_moments
-    wanted = SUMMARY if summary else canonical_columns(options.quantities)
+    wanted = canonical_columns(options.quantities)
+    for columns in (MOMENTS_COLUMNS, SUMMARY_COLUMNS):
+        if {"parameter", *columns[3:5]} <= known:
+            wanted = columns
+    summary = "parameter" in wanted
     if options.sessions.trial == "order":
         wanted = tuple(column for column in wanted if column != "trial")
     rules = {name: rule for name, rule in options.columns.items() if name in wanted}
@@ -86,18 +87,18 @@ def _by_name(
     for canonical in wanted:
         if canonical in rules:
             continue
-        if canonical in grid.header:
-            rules[canonical] = ColumnRule(name=canonical)
-            continue
         names = known.get(canonical, {canonical})
         found = [name for name in grid.header if name not in taken and plain(name) in names]
+        if canonical in grid.header:
+            found = [canonical]
         if len(found) > 1:
             message = f"{shown(found)} could each be {canonical}."
             hint = f'Declare the one that is meant: [columns] {canonical} = "…".'
             raise grid.error(message, canonical, hint)
-        if found:
-            grid.notice(f"column {found[0]!r} is taken as {canonical}")
-            rules[canonical] = ColumnRule(name=found[0])
+        for name in found:
+            rules[canonical] = ColumnRule(name=name)
+            if name != canonical:
+                grid.notice(f"column {name!r} is taken as {canonical}")
 
 
 def _refuse_missing(grid: Grid, rules: Rules) -> None:

@@ -247,13 +247,19 @@ def units(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> Iter
             yield Found(text, adj, row, float(table[adj][row]), hint)
 
 
+def _decades(numbers: pd.Series[float], references: pd.Series[float]) -> pd.Series[float]:
+    """Ratios of numbers to their references in decades, where both are above zero."""
+    both = (numbers > 0) & (references > 0)
+    return numbers[both].transform(np.log10) - references[both].transform(np.log10)
+
+
 def _other_units(table: pd.DataFrame, adj: str, ref: str) -> Iterator[tuple[int, float, str]]:
     """Find ratios that a wrong unit would explain, over all and by file or subject.
 
     Gives the first row, the ratio in decades, and what is wrong.
     """
-    both = table[(table[adj] > 0) & (table[ref] > 0)]
-    decades = np.log10(both[adj]) - np.log10(both[ref])
+    decades = _decades(table[adj], table[ref])
+    both = table.loc[decades.index]
     typical = decades.median()
     if abs(typical) >= _OTHER_UNIT:
         text = f"{adj} is {10**typical:.3g} times {ref} at the median: their units seem to differ."
@@ -319,9 +325,8 @@ def _look(name: str) -> str:
 def summary(table: pd.DataFrame, options: DataTables) -> Iterator[Found]:
     """Refuse parameters, limits, n, levels and units that a published table cannot have."""
     names = " or ".join(f'"{name}"' for name in options.quantities)
-    n = table["n"].fillna(2)
+    n = table["n"]
     level = table["level"]
-    whole = (n >= 2) & (n < 2.0**53) & (n == np.round(n))
     again = table.duplicated(["environment", "parameter"])
     rules: list[tuple[str, str, pd.Series[bool]]] = [
         ("parameter", f"must be {names}.", ~table["parameter"].isin(list(options.quantities))),
@@ -331,7 +336,11 @@ def summary(table: pd.DataFrame, options: DataTables) -> Iterator[Found]:
             "is below the lower limit, or the SD is negative.",
             table["upper"] < table["lower"],
         ),
-        ("n", "must be a whole number of at least 2, and below 2^53.", ~whole),
+        (
+            "n",
+            "must be a whole number of at least 2, and below 2^53.",
+            (n < 2) | (n >= 2.0**53) | (n % 1 > 0),
+        ),
         ("level", "must lie between 0 and 1, as in 0.99.", (level <= 0) | (level >= 1)),
         ("environment", "a second row for this environment and parameter.", again),
     ]
@@ -354,15 +363,13 @@ def summary(table: pd.DataFrame, options: DataTables) -> Iterator[Found]:
     # Of what the limits hold, the nearest to the reference: wide limits are no sign of another
     # unit.
     near = table["reference"].clip(table["lower"], table["upper"])
-    known = table.assign(near=near)[(near > 0) & (table["reference"] > 0)]
-    name: Any
-    for name, rows in known.groupby("parameter", sort=False):
-        decades = (np.log10(rows["near"]) - np.log10(rows["reference"])).median()
+    for name, rows in _decades(near, table["reference"]).groupby(table["parameter"], sort=False):
+        decades = rows.median()
         if name in options.quantities and abs(decades) >= _OTHER_UNIT:
             message = (
                 f"limits of {name} are typically {10**decades:.3g} times the reference: their units"
                 " seem to differ."
             )
             hint = f"Write references and limits in {options.quantities[name].unit or 'one unit'}."
-            first = rows["reference"]
-            yield Found(message, "reference", first.index[0], float(first.iloc[0]), hint)
+            first = rows.index[0]
+            yield Found(message, "reference", first, float(table["reference"][first]), hint)

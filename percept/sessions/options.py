@@ -12,23 +12,22 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, mo
 from percept.errors import UsageError
 from percept.sessions.quantities import (
     IMPEDANCE,
+    TO_FILL_IN,
     Quantity,
     Table,
     factor,
     known_key,
     numbers_of,
     quantity_of,
-    refuse_unfilled,
+    unfilled,
     usage_error,
     with_mass,
 )
-from percept.sessions.records import IDS
+from percept.sessions.records import IDS, MOMENTS_COLUMNS, SUMMARY_COLUMNS
 from percept.sessions.values import LARGEST, LEAST, MISSING
 
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
-#: Columns of a published summary.
-SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")
 #: A term of a model: one column, or several that interact.
 Term = tuple[str, ...]
 #: In `[model] bias` the reference of the trial, which no column of the files has that name for.
@@ -295,17 +294,20 @@ class DataTables(Table):
     @classmethod
     def _filled_in(cls, given: Any) -> Any:
         """Refuse what nobody has filled in."""
-        refuse_unfilled(given)
+        for name in ("quantities", "columns", "environments"):
+            for key in unfilled(given.get(name), name):
+                hint = 'Write what is right in the place of each "?"; a reference of zero is 0.0.'
+                raise UsageError("is not filled in.", key=key, value=TO_FILL_IN, hint=hint)
         return given
 
     @model_validator(mode="after")
     def _of_these_quantities(self) -> Self:
         """Hold columns, their units and references to the quantities."""
-        columns = tuple(dict.fromkeys((*canonical_columns(self.quantities), *SUMMARY)))
+        columns = (*canonical_columns(self.quantities), *SUMMARY_COLUMNS, *MOMENTS_COLUMNS)
         quantities = with_mass(self.quantities)
         for name, rule in self.columns.items():
             _declared_quantity(name, quantities, f"columns.{name}")
-            known_key(columns, name, f"columns.{name}")
+            known_key(tuple(dict.fromkeys(columns)), name, f"columns.{name}")
             if rule.response is not None and not name.endswith("_adj"):
                 message = "only an adjustment is a ratio or a difference to its reference."
                 raise UsageError(message, key=f"columns.{name}.response")

@@ -37,21 +37,11 @@ def known_key(names: Sequence[str], name: str, key: str, value: object = None) -
 TO_FILL_IN = "?"
 
 
-def refuse_unfilled(tables: Any) -> None:
-    """Refuse a scene in whose tables on data a `TO_FILL_IN` is left."""
-    if not isinstance(tables, Mapping):
-        return
-    for name in ("quantities", "columns", "environments"):
-        for key in _unfilled(tables.get(name), name):
-            hint = 'Write what is right in the place of each "?"; a reference of zero is 0.0.'
-            raise UsageError("is not filled in.", key=key, value=TO_FILL_IN, hint=hint)
-
-
-def _unfilled(value: Any, key: str) -> Iterator[str]:
+def unfilled(value: Any, key: str) -> Iterator[str]:
     """Give the keys of a table that nobody has filled in."""
     if isinstance(value, Mapping):
         for name, inner in value.items():
-            yield from _unfilled(inner, f"{key}.{name}")
+            yield from unfilled(inner, f"{key}.{name}")
     elif value == TO_FILL_IN:
         yield key
 

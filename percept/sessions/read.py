@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
@@ -126,7 +126,10 @@ class Sessions:
     def environments(self) -> tuple[str, ...]:
         """Environment ids as the scene lists them, then by their references."""
         listed = self.options.environments if self.factors is None else self.factors.cells
-        return _in_order(self.references, listed)
+        ranks = {name: rank for rank, name in enumerate(listed)}
+        references = self.references
+        by_reference = references.sort_values(list(references.columns), kind="stable").index
+        return tuple(sorted(by_reference, key=lambda name: ranks.get(name, len(ranks))))
 
     @property
     def references(self) -> pd.DataFrame:
@@ -164,8 +167,7 @@ class Sessions:
         notices = []
         found = doubts.doubts(self._observed) if self.form == "trials" else ()
         for message, column, index, *_ in found:
-            file, row = (None, None) if index is None else self.locate(index)
-            notices.append(Notice(message, file, row, column))
+            notices.append(Notice(message, *self.locate(index), column))
         return tuple(notices)
 
     @cached_property
@@ -321,10 +323,3 @@ def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
         log.notices.append(Notice(text))
     log.counts.update(merged.count_grid(table, parameters))
     return table
-
-
-def _in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
-    """Order environments as the scene lists them, and the rest by references."""
-    ranks = {name: rank for rank, name in enumerate(listed)}
-    by_reference = references.sort_values(list(references.columns), kind="stable").index
-    return tuple(sorted(by_reference, key=lambda name: ranks.get(name, len(ranks))))

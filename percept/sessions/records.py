@@ -14,6 +14,8 @@ IDS = ("subject", "session", "environment")
 #: Mass of an environment (Eq. 7): a reference that nobody adjusts.
 MASS = "m_ref"
 SUMMARY_COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
+#: The same of a summary of means and SDs.
+MOMENTS_COLUMNS = ("environment", "parameter", "reference", "mean", "sd", "n", "level")
 #: A study hardly has more environments or conditions on purpose.
 MOST_CONDITIONS = 12
 #: Lines of a message about several problems.
@@ -29,9 +31,9 @@ _NUMBERS = re.compile(r"[0-9][0-9.,]*")
 _CLIPPED = 60
 
 
-def clip(value: str, length: int = _CLIPPED) -> str:
-    """Shorten a text from a file to at most `length` characters, for a message."""
-    return value if len(value) <= length else value[: length - 1] + "…"
+def clip(value: str) -> str:
+    """Shorten a text from a file for a message."""
+    return value if len(value) <= _CLIPPED else value[: _CLIPPED - 1] + "…"
 
 
 def shown(names: Sequence[str], limit: int = 12) -> str:
@@ -121,11 +123,6 @@ class Factors:
     def cell(environment: str, levels: Sequence[str]) -> str:
         """Name the cell of an environment at a level of each column."""
         return f"{environment} ({', '.join(levels)})"
-
-    def level(self, cell: str, column: str) -> str:
-        """Level of a cell in a column."""
-        _, levels = self.cells[cell]
-        return levels[list(self.levels).index(column)]
 
 
 class ReadError(UsageError):

@@ -18,9 +18,17 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import values
-from percept.sessions.options import KEPT_COLUMNS, canonical_columns
+from percept.sessions.options import KEPT_COLUMNS, ExcludeRule, canonical_columns
 from percept.sessions.quantities import factor, numbers_of, quantity_of, with_mass
-from percept.sessions.records import IDS, MASS, Exclusion, Found, shown
+from percept.sessions.records import (
+    IDS,
+    MASS,
+    MOMENTS_COLUMNS,
+    SUMMARY_COLUMNS,
+    Exclusion,
+    Found,
+    shown,
+)
 from percept.sessions.tables import OpenFile
 
 _CORRECT_CELL = "Correct the cell, or leave it empty if there was no adjustment."
@@ -101,14 +109,19 @@ def _selected(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     for rule in file.options.sessions.exclude:
         if not rule.equals:
             continue
-        column = FileColumn(rule.column) if FileColumn(rule.column) in data else rule.column
-        if column not in data:
-            file.grid.position(rule.column)
-        excluded = _among(data[column], rule.equals)
+        excluded = _among(_ruled(file, data, rule), rule.equals)
         if excluded.any():
             file.log.applied.add(rule)
         data = _exclude(file, data, excluded, rule.why)
     return data
+
+
+def _ruled(file: OpenFile, data: pd.DataFrame, rule: ExcludeRule) -> pd.Series[Any]:
+    """Give the column of a rule: the file's own, or percept's."""
+    own = FileColumn(rule.column, is_number=not rule.equals)
+    if own not in data and rule.column not in data:
+        file.grid.position(rule.column)
+    return data[own if own in data else rule.column]
 
 
 def _among(cells: pd.Series[Any], texts: Sequence[str]) -> _Mask:
@@ -131,25 +144,17 @@ def _keep(
     return data[kept].copy()
 
 
-def _exclude(
-    file: OpenFile,
-    data: pd.DataFrame,
-    excluded: _Mask,
-    why: str,
-    *,
-    of_trials: bool = False,
-) -> pd.DataFrame:
-    """Leave rows out and log them; `of_trials` logs those with a subject and environment."""
+def _exclude(file: OpenFile, data: pd.DataFrame, excluded: _Mask, why: str) -> pd.DataFrame:
+    """Leave rows out, and log those with a subject and environment."""
     names = [*IDS, "trial"]
     ids = data[excluded].reindex(columns=names, fill_value="").astype(str)
     records = ids.to_dict("records")
     for row, cells in zip(ids.index.tolist(), records, strict=True):
         who = cells.pop("subject")
-        if of_trials and not (who.strip() and cells["environment"].strip()):
-            continue
-        what = [f"{name} {text.removesuffix('.0')}" for name, text in cells.items() if text]
-        exclusion = Exclusion(who, ", ".join(what), why, file.name, row)
-        file.log.exclusions.append(exclusion)
+        if who.strip() and cells["environment"].strip():
+            what = [f"{name} {text.removesuffix('.0')}" for name, text in cells.items() if text]
+            exclusion = Exclusion(who, ", ".join(what), why, file.name, row)
+            file.log.exclusions.append(exclusion)
     return _keep(file, data, ~excluded, f"excluded: {why}")
 
 
@@ -188,7 +193,7 @@ def _with_adjustments(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     adjusted = [name for name in data if isinstance(name, str) and name.endswith("_adj")]
     missing = [file.is_missing(data[column]) for column in adjusted]
     blank = np.logical_and.reduce(missing)
-    return _exclude(file, data, blank, "no adjustment", of_trials=True)
+    return _exclude(file, data, blank, "no adjustment")
 
 
 def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
@@ -250,11 +255,10 @@ def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     for rule in file.options.sessions.exclude:
         if rule.equals:
             continue
-        column = rule.column if rule.column in data else FileColumn(rule.column, is_number=True)
-        if column not in data or not pd.api.types.is_numeric_dtype(data[column]):
+        numbers = _ruled(file, data, rule)
+        if not pd.api.types.is_numeric_dtype(numbers):
             key = f"sessions.exclude {rule.column}"
             raise UsageError("limits need a column of numbers.", key=key)
-        numbers = data[column]
         is_beyond = numbers.notna() & (numbers != numbers.clip(rule.below, rule.above))
         data = _exclude(file, data, is_beyond.to_numpy(), rule.why)
     return data
@@ -282,30 +286,13 @@ def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
 def read_summary(file: OpenFile) -> pd.DataFrame:
     """Give the rows of a published table with limits; means and SDs become limits."""
     columns = file.slots[0].columns
-    has_limits = {"lower", "upper"} <= columns.keys()
-    pair = ("lower", "upper") if has_limits else ("mean", "sd")
-    names = ["reference", *pair, "n"]
-    if has_limits or "level" in columns:
-        names.append("level")
-    _require(file, ("environment", *names))
-    if has_limits and columns.keys() & {"mean", "sd"}:
-        file.grid.notice("mean and sd are not used: lower and upper are there")
-    if "level" not in columns:
+    is_of_moments = "mean" in columns
+    needed = [*(MOMENTS_COLUMNS if is_of_moments else SUMMARY_COLUMNS)]
+    if is_of_moments and "level" not in columns:
+        needed.remove("level")
         file.grid.notice(f"means and SDs without a level are kept as their limits at {_LEVEL}")
-    positions = list(columns.values())
-    cells = file.cells(positions)[positions].set_axis(list(columns), axis=1)
-    numbers = file.numbers(cells, names, "Correct the cell.")
-    frame = cells[["environment", "parameter"]].assign(level=_LEVEL, row=cells.index)
-    for name, column in numbers.items():
-        frame[name] = column
-    frame = frame.reset_index(drop=True)
-    return frame if has_limits else _with_limits(file, frame)
-
-
-def _require(file: OpenFile, names: Sequence[str]) -> None:
-    """Refuse a table that lacks a column, or declares a unit."""
-    for column in names:
-        if column not in file.slots[0].columns:
+    for column in needed:
+        if column not in columns:
             there = shown(file.grid.header)
             message = f"a published table needs the column {column}; the columns are {there}."
             hint = "Add it, or name it in the scene's [columns]."
@@ -314,17 +301,22 @@ def _require(file: OpenFile, names: Sequence[str]) -> None:
         units = " and ".join(quantity.unit for quantity in file.options.quantities.values())
         message = f"a published table is in {units}."
         raise UsageError(message, file=file.name, key="columns", hint="Convert the table.")
+    positions = list(columns.values())
+    cells = file.cells(positions)[positions].set_axis(list(columns), axis=1)
+    numbers = file.numbers(cells, needed[2:], "Correct the cell.")
+    frame = cells.assign(level=_LEVEL, row=cells.index)
+    for column in needed[2:]:
+        frame[column] = numbers[column]
+    frame = frame.reset_index(drop=True)
+    return _with_limits(frame) if is_of_moments else frame
 
 
-def _with_limits(file: OpenFile, frame: pd.DataFrame) -> pd.DataFrame:
-    """Replace means and SDs by their t-limits."""
+def _with_limits(frame: pd.DataFrame) -> pd.DataFrame:
+    """Add the t-limits of means and SDs."""
     from scipy.special import stdtrit
 
     # Impossible n, levels and SDs are told by the checks of the whole study.
     with np.errstate(invalid="ignore", divide="ignore"):
         t = -stdtrit(frame["n"] - 1, 0.5 * (1 - frame["level"]))
         half = t / np.sqrt(frame["n"]) * frame["sd"]
-    lower = frame["mean"] - half
-    upper = frame["mean"] + half
-    limits = frame.assign(lower=lower, upper=upper)
-    return limits.drop(columns=["mean", "sd"])
+    return frame.assign(lower=frame["mean"] - half, upper=frame["mean"] + half)

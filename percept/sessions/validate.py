@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,20 +37,18 @@ class Validation:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain tables for JSON; of a problem its message, place, value and hint."""
-        names = ("message", "file", "row", "column", "key", "value", "hint")
-        problems = [{name: getattr(problem, name) for name in names} for problem in self.problems]
         found = {
             "exit_code": self.exit_code,
-            "notices": [asdict(notice) for notice in self.notices],
-            "problems": problems,
+            "notices": [vars(notice) for notice in self.notices],
+            "problems": [vars(problem) for problem in self.problems],
             "problems_total": self.problems_total,
         }
         if (read := self.sessions) is not None:
             found |= {
                 "form": read.form,
-                "sources": [asdict(source) for source in read.sources],
+                "sources": [vars(source) for source in read.sources],
                 "counts": dict(read.counts),
-                "exclusions": [asdict(exclusion) for exclusion in read.exclusions],
+                "exclusions": [vars(exclusion) for exclusion in read.exclusions],
                 "environments": _environments(read),
             }
         return found

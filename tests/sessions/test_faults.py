@@ -211,9 +211,9 @@ def test_a_title_and_units_of_a_workbook_are_named(tmp_path):
     assert found.table.equals(whole)
     said = [(notice.row, notice.text) for notice in found.notices]
     assert said == [
-        (None, "columns not used: 'column 6', 'column 7'"),
         (1, TITLE),
         (4, UNITS.replace("line 2", "line 4")),
+        (None, "columns not used: 'column 6', 'column 7'"),
     ]
 
 
