@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 
 from percept.errors import UsageError, did_you_mean
 from percept.sessions.grid import Grid
@@ -185,7 +186,7 @@ def check_columns(
     grid: Grid,
     present: Collection[str],
     options: DataTables,
-    paths: Sequence[str],
+    paths: Sequence[str | Path],
 ) -> None:
     """Refuse a header that lacks what an analysis of trials needs; paths are as they were given."""
     missing = [column for column in ("subject", "environment") if column not in present]
@@ -195,7 +196,7 @@ def check_columns(
     names = " and ".join(missing)
     hint = _NAME_COLUMNS
     if paths:
-        hint += f" Or run: percept new scene.toml --from {shlex.join(paths)}"
+        hint += f" Or run: percept new scene.toml --from {shlex.join(map(str, paths))}"
     first = missing[0].split(" ")[0]
     alike = did_you_mean(first, {*grid.header} - {*present})
     message = f"there is no column for {names}; the columns are {shown(grid.header)}.{alike}"

@@ -17,7 +17,7 @@ from itertools import chain, islice, pairwise
 from typing import Literal
 
 from percept.errors import UsageError, did_you_mean
-from percept.sessions.records import NoDataError, Notice, clip, shown
+from percept.sessions.records import NoDataError, Notice, shown
 from percept.sessions.values import is_missing
 
 #: Physical line and cells of each row.
@@ -190,7 +190,7 @@ class Grid:
                 if not fits or (width > columns and cells[-1]):
                     message = f"{len(cells)} cells where the header has {len(names)}"
                     message += f" and the lines above have {width}." if len(cells) != width else "."
-                    value = clip(self.delimiter.join(cells))
+                    value = self.delimiter.join(cells)
                     raise UsageError(
                         message, file=self.file, row=line, value=value, hint=_RAGGED_HINT
                     )
@@ -278,7 +278,7 @@ def refuse_half(text: str, file: str, row: int) -> None:
     except UnicodeEncodeError as error:
         row += text.count("\n", 0, error.start)
         message = "half of a character (a lone surrogate)."
-        value = clip(text[error.start :])
+        value = text[error.start :]
         hint = "Write the text again."
         raise UsageError(message, file=file, row=row, value=value, hint=hint) from None
 

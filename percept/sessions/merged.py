@@ -121,7 +121,7 @@ def _ask_for_references(
     message = f"{counted(len(without), 'environment')} without a reference: {shown(list(without))}."
     hint = "Write these lines in the scene, with a number in the place of each ?:\n"
     column = next(iter(without.values()))[0]
-    log.problems.add(message, column=column, hint=hint + "\n".join(lines))
+    log.add(message, column=column, hint=hint + "\n".join(lines))
 
 
 def make_absolute(table: pd.DataFrame, parameters: Sequence[str], log: Log) -> None:

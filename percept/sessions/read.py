@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
@@ -30,9 +30,6 @@ from percept.sessions.records import (
 from percept.sessions.tables import Form, Log, OpenFile, open_files, open_frame
 from percept.sessions.trials import read_summary, read_trials
 from percept.sessions.values import fold
-
-#: Opens the input, once for each reading.
-_Opened = Callable[[Log], Iterator[OpenFile]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +89,8 @@ class Sessions:
         if not isinstance(frame, pd.DataFrame):
             hint = "read_sessions reads files."
             raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
-        return _merged(scene, lambda log: open_frame(frame, log))
+        log = Log(scene)
+        return _merged(log, open_frame(frame, log))
 
     @property
     def quantities(self) -> Quantities:
@@ -225,33 +223,35 @@ def read_sessions(*paths: str | Path, scene: DataTables | None = None) -> Sessio
         What cannot be read as it stands, each problem with file, row, column, value and what to do;
         a :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
     """
-    return _merged(scene, lambda log: open_files(paths, log), [str(path) for path in paths])
+    log = Log(scene, paths)
+    return _merged(log, open_files(paths, log))
 
 
-def _merged(scene: DataTables | None, opened: _Opened, paths: Sequence[str] = ()) -> Sessions:
+def _merged(log: Log, files: Iterable[OpenFile]) -> Sessions:
     """Merge the files by column name and check them together."""
-    options = DataTables() if scene is None else scene
-    if not isinstance(options, DataTables):
-        hint = "Scene.load reads a scene's file."
-        raise UsageError(f"a scene is needed, not {type(scene).__name__}.", hint=hint)
-    log = Log(options, paths)
     frames = []
     forms: dict[Form, str] = {}  # The first file of each
-    for file in opened(log):
-        with log.problems.collecting():
+    for file in files:
+        with log.collecting():
             forms.setdefault(file.form, file.name)
             frame = read_summary(file) if file.form == "summary" else read_trials(file)
             frames.append(frame.assign(file=len(log.sources) - 1))
             log.notices += file.grid.notices
     for name in [*forms.values()][1:]:
         message = "trials and a published summary cannot be read together."
-        log.problems.add(message, file=name, hint="Read them one by one.")
-    _refuse_nothing(log, frames)
+        log.add(message, file=name, hint="Read them one by one.")
+    if not log.sources:
+        for error in log.without_trials:
+            log.extend(error)
+    log.raise_if_any()
+    for error in log.without_trials:
+        log.notices.append(Notice(f"left out: {error.message}", error.file))
     (form,) = forms
     table = pd.concat(frames, ignore_index=True)
+    _refuse_nothing(log, table)
     if form == "summary":
-        log.refuse(table, merged.summary(table, options))
-        log.problems.raise_if_any()
+        log.refuse(table, merged.summary(table, log.options))
+        log.raise_if_any()
         log.counts["observations"] = len(table)
         tidy = table[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
     else:
@@ -265,22 +265,13 @@ def _merged(scene: DataTables | None, opened: _Opened, paths: Sequence[str] = ()
         exclusions=tuple(log.exclusions),
         counts=dict(log.counts),
         provenance=table[["file", "row"]].astype(np.int64),
-        options=options,
+        options=log.options,
         at_limits=pd.concat(log.at_limits) if log.at_limits else pd.DataFrame(),
     )
 
 
-def _refuse_nothing(log: Log, frames: Sequence[pd.DataFrame]) -> None:
-    """Raise the problems found, a rule that no row met, or that no row is left.
-
-    Notice environments that no row has.
-    """
-    if not log.sources:
-        for error in log.without_trials:
-            log.problems.extend(error)
-    log.problems.raise_if_any()
-    for error in log.without_trials:
-        log.notices.append(Notice(f"left out: {error.message}", error.file))
+def _refuse_nothing(log: Log, table: pd.DataFrame) -> None:
+    """Refuse a rule that no row met, or a table without rows; notice environments without any."""
     for rule in log.options.sessions.exclude:
         # Limits may well be kept by all rows.
         if rule.equals and rule not in log.applied:
@@ -290,12 +281,11 @@ def _refuse_nothing(log: Log, frames: Sequence[pd.DataFrame]) -> None:
                 column=rule.column,
                 hint="Correct the text, or take the rule out.",
             )
-    present = {name for frame in frames for name in frame["environment"].unique()}
-    if not present:
+    if table.empty:
         rows = ", ".join(f"{number} {reason}" for reason, number in log.counts.items())
         message = "no row has an adjustment."
         raise UsageError(message, file=log.sources[0].name, hint=f"Rows: {rows}.")
-    folded = set(map(fold, present))
+    folded = set(map(fold, table["environment"].unique()))
     for name in log.options.environments:
         if fold(name) not in folded:
             log.notices.append(Notice("[environments] names it, but no row has it", column=name))
@@ -318,7 +308,7 @@ def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
         table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
     log.refuse(table, merged.repeats(table, log))
     log.refuse(table, merged.units(table, quantities, log))
-    log.problems.raise_if_any()
+    log.raise_if_any()
     for text in merged.remarks(table, log):
         log.notices.append(Notice(text))
     log.counts.update(merged.count_grid(table, parameters))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
@@ -34,17 +35,18 @@ from percept.sessions.typed import grid_of, sheets, typed_grid
 from percept.sessions.values import SPACE, decimal_mark, parse_numbers
 
 Form = Literal["trials", "summary"]
-#: Rows that are taken from a file at a time: so few that they die before Python looks for garbage.
-_ROWS = 200
 
 
-class Log:
+class Log(Problems):
     """What is said of a study while it is read: each step adds to it."""
 
-    def __init__(self, options: DataTables, paths: Sequence[str] = ()) -> None:
-        self.options = options
+    def __init__(self, scene: DataTables | None, paths: Sequence[str | Path] = ()) -> None:
+        super().__init__()
+        self.options = DataTables() if scene is None else scene
+        if not isinstance(self.options, DataTables):
+            hint = "Scene.load reads a scene's file."
+            raise UsageError(f"a scene is needed, not {type(scene).__name__}.", hint=hint)
         self.paths = paths  # As they were given
-        self.problems = Problems()
         self.sources: list[Source] = []
         self.notices: list[Notice] = []
         self.exclusions: list[Exclusion] = []
@@ -53,7 +55,7 @@ class Log:
         self.counts: Counter[str] = Counter()  # Rows by what became of them
         self.parameters: set[str] = set()  # Quantities with a column of adjustments
         self.applied: set[ExcludeRule] = set()  # Rules on texts that some row met
-        self.declared_units = set(options.declared_references)
+        self.declared_units = set(self.options.declared_references)
 
     def place(self, table: pd.DataFrame, index: Any) -> tuple[str, int]:
         """Return the file and physical line of a row of the table."""
@@ -64,7 +66,7 @@ class Log:
         """Take up what checks find wrong, with its file and physical line."""
         for message, column, index, value, hint in problems:
             file, row = (None, None) if index is None else self.place(table, index)
-            self.problems.add(message, file=file, row=row, column=column, value=value, hint=hint)
+            self.add(message, file=file, row=row, column=column, value=value, hint=hint)
 
 
 @dataclass(frozen=True)
@@ -100,22 +102,18 @@ class OpenFile:
             rule = self.rules.get(canonical)
             name = canonical if rule is None else rule.name
             hint = hint.replace("COLUMN", name).replace("CANONICAL", canonical)
-            self.log.problems.add(
-                message, file=self.name, row=row, column=name, value=value, hint=hint
-            )
+            self.log.add(message, file=self.name, row=row, column=name, value=value, hint=hint)
 
     def cells(self, positions: Collection[int]) -> pd.DataFrame:
         """Read all rows; give columns of texts by position. The index is the physical line."""
-        rows = self.grid.rows()
         lines: list[int] = []
         texts: dict[int, list[str]] = {at: [] for at in positions}
-        while part := list(islice(rows, _ROWS)):
-            lines += [line for line, _ in part]
+        for line, cells in self.grid.rows():
+            lines.append(line)
             self.options.files.hold_table(len(lines), len(texts), self.name)
-            # Equal texts share their memory: most columns hold few.
-            share = dict[str, str]().setdefault
             for at, column in texts.items():
-                column += [share(cells[at], cells[at]) for _, cells in part]
+                # Equal texts share their memory: most columns hold few.
+                column.append(sys.intern(cells[at]))
         self.log.counts["rows read"] += len(lines)
         self.log.counts.update(self.grid.dropped)
         self.log.sources.append(Source(self.name, self.digest, len(lines)))
@@ -152,9 +150,9 @@ def open_files(paths: Sequence[str | Path], log: Log) -> Iterator[OpenFile]:
     files, notices = expand(paths)
     log.notices += notices
     for file, named in files.items():
-        with log.problems.collecting():
+        with log.collecting():
             for entry in load(file, log.options.files):
-                with log.problems.collecting():
+                with log.collecting():
                     for part in _parts(entry, log.options):
                         yield from _open_input(part, log, named=named and entry.name == file)
 

@@ -169,7 +169,7 @@ def _unpack_json(file: OpenFile, data: pd.DataFrame) -> None:
             value: str | None = ""
             try:
                 value = values.pick(cell, rule.path)
-            except values.CellError as error:
+            except ValueError as error:
                 # Only the scene knows whether such a row has no adjustment: it is no blank.
                 hint = "Correct the cell or the path, or pick rows with [sessions] only."
                 file.report([Found(f"{error}.", canonical, row, cell, hint)])
@@ -177,7 +177,7 @@ def _unpack_json(file: OpenFile, data: pd.DataFrame) -> None:
                 lacking.append(cell)
             picked.append(value or "")
         if lacking and not any(picked):
-            file.log.problems.add(
+            file.log.add(
                 "no row has this path.",
                 file=file.name,
                 column=rule.name,

@@ -100,8 +100,6 @@ def _texts(rows: _Rows, entry: Input) -> Iterator[tuple[int, list[str]]]:
 
 def _text(value: Any) -> str:
     """Write a typed cell as text; `repr` of a float reads back as the same double."""
-    if isinstance(value, str):
-        return value
     if isinstance(value, float):
         return "" if value != value else repr(float(value))
     return "" if value is None or value is pd.NA or value is pd.NaT else str(value)

@@ -165,10 +165,6 @@ def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
     return "not a number.", ""
 
 
-class CellError(ValueError):
-    """A cell that has no value at the path asked for."""
-
-
 def pick(cell: str, path: str) -> str | None:
     """Pick a value from a JSON cell, as text with all digits; None if a record lacks a key."""
     if is_missing(cell):
@@ -177,7 +173,7 @@ def pick(cell: str, path: str) -> str | None:
     try:
         value = loaded_json(text)
     except (json.JSONDecodeError, RecursionError):
-        raise CellError("not a JSON record or list") from None
+        raise ValueError("not a JSON record or list") from None
     for step in path.split("."):
         if isinstance(value, dict) and step not in value:
             return None
@@ -186,9 +182,9 @@ def pick(cell: str, path: str) -> str | None:
         try:
             value = value[int(step)] if isinstance(value, list) else value[step]
         except (LookupError, TypeError, ValueError):
-            raise CellError(f"there is no {step!r} in it") from None
+            raise ValueError(f"there is no {step!r} in it") from None
     if value is not None and not isinstance(value, str):
-        raise CellError(f"{path!r} leads to a record, a list or true/false, not to a number")
+        raise ValueError(f"{path!r} leads to a record, a list or true/false, not to a number")
     return value or ""
 
 
@@ -203,7 +199,7 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Make a JSON record, and refuse one that has a key twice."""
     record = dict(pairs)
     if len(record) < len(pairs):
-        raise CellError("the record has a key twice")
+        raise ValueError("the record has a key twice")
     return record
 
 

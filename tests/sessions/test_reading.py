@@ -204,7 +204,7 @@ READ = {
         {},
         ["lower", "upper"],
         [[0.5, 0.8]],
-        "mean and sd are not used: lower and upper are there",
+        "columns not used: 'mean', 'sd'",
     ),
     "wide limits": (
         "environment,parameter,reference,lower,upper,n,level\nV,k,1,-50,450,2,0.99\n",
