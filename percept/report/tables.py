@@ -50,10 +50,7 @@ def csv_tables(results: Results) -> dict[str, str]:
     tables["subjects"] = results.data.people
     tables["band"] = results.band.rows if results.band else ()
     tables["memberships"] = results.coupling.memberships if results.coupling else ()
-    rows = {
-        name: [dict(_flat(dataclasses.asdict(record))) for record in records]
-        for name, records in tables.items()
-    }
+    rows = {name: [dict(_flat(record)) for record in records] for name, records in tables.items()}
     cannot = {
         (row.environment, row.coupled) for row in results.rendering or () if row.verdict == "cannot"
     }
@@ -86,8 +83,10 @@ def _column(value: object, length: int) -> list[object]:
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Give the parts of a record by name, a row of a table of numbers or records as one part."""
     is_table = isinstance(value, np.ndarray) and value.ndim > 1
-    if is_table or (isinstance(value, tuple) and value and isinstance(value[0], dict)):
+    if is_table or (isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0])):
         value = {str(index): part for index, part in enumerate(value)}
+    elif dataclasses.is_dataclass(value):
+        value = vars(value)
     if isinstance(value, dict):
         for key, part in value.items():
             yield from _flat(part, f"{name}_{key}" if name else key)
