@@ -175,7 +175,9 @@ def _outcome(future: Future[Result]) -> Result | Exception:
 
 
 @contextmanager
-def beside(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
+def beside(
+    prepare: Callable[[], Callable[..., Result]],
+) -> Iterator[Callable[..., Callable[[], Result]]]:
     """Work in a copy of this process while the caller goes on.
 
     The copy sees all that this process has computed. Of locks that other threads hold it would wait
@@ -183,21 +185,23 @@ def beside(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
 
     Parameters
     ----------
-    work : callable
-        Its result must be one that can be pickled.
+    prepare : callable
+        Called in the copy at once, it returns what does the work. The arguments and the result of
+        that must be such as can be pickled.
 
     Yields
     ------
     callable
-        Waits for the result. It does the work itself where no copy can start, on one core, and
-        where the copy ended without a result.
+        Takes the arguments, lets the work begin, and returns a function that waits for the result.
+        That does the work itself where no copy can start, on one core, and where the copy ended
+        without a result.
     """
     if cores() == 1 or "fork" not in multiprocessing.get_all_start_methods():
-        yield work
+        yield lambda *given: partial(prepare(), *given)
         return
     context = multiprocessing.get_context("fork")
-    ours, theirs = context.Pipe(duplex=False)
-    copy = context.Process(target=_send_result, args=(work, theirs), daemon=True)
+    ours, theirs = context.Pipe()
+    copy = context.Process(target=_serve, args=(prepare, theirs, ours), daemon=True)
     with warnings.catch_warnings():
         # Python warns of a fork beside other threads: ours only show progress.
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -205,27 +209,36 @@ def beside(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
     # With our end of it open we would wait for ever for a copy that died.
     theirs.close()
 
-    def result() -> Result:
-        try:
-            found: Result = ours.recv()
-        except (EOFError, OSError):
-            # The work itself says what is wrong.
-            return work()
-        return found
+    def begin(*given: Any) -> Callable[[], Result]:
+        with suppress(OSError):
+            ours.send(given)
+
+        def result() -> Result:
+            try:
+                found: Result = ours.recv()
+            except (EOFError, OSError):
+                # The work itself says what is wrong.
+                return prepare()(*given)
+            return found
+
+        return result
 
     try:
-        yield result
+        yield begin
     finally:
         copy.kill()
         copy.join()
         ours.close()
 
 
-def _send_result(work: Callable[[], Any], pipe: Connection) -> None:
-    """Work in a copy of the process; a copy that fails sends nothing."""
+def _serve(prepare: Callable[[], Callable[..., Any]], pipe: Connection, other: Connection) -> None:
+    """Work in a copy of the process, which has the other end too; one that fails sends nothing."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Open, the copy would wait for ever for a process that died.
+    other.close()
     with suppress(Exception):
-        pipe.send(work())
+        work = prepare()
+        pipe.send(work(*pipe.recv()))
 
 
 @contextmanager

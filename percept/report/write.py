@@ -11,7 +11,7 @@ import hashlib
 import re
 import shutil
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from percept.report.display import display
 from percept.report.methods import bibtex, methods
 from percept.report.overview import findings, summary
 from percept.report.tables import csv_tables, paste_tables
-from percept.results import Beside, Findings, Results
+from percept.results import Beside, Findings, Results, in_turn
 
 _FORMATS = ("svg", "pdf", "png")
 #: What a report may write and replace.
@@ -80,13 +80,13 @@ def report_folder(
 
 def fill_report(
     folder: Path,
-    results: Results,
+    compute: Callable[[], Results],
     *,
     posterior: Callable[[], bytes | None] | None = None,
     formats: Sequence[str] = ("svg",),
     date: str | None = None,
     progress: Callable[[str], None] | None = None,
-    beside: Beside = nullcontext,
+    beside: Beside = in_turn,
 ) -> None:
     """Write the page, report.json, tables, figures and the posterior into a folder.
 
@@ -94,8 +94,8 @@ def fill_report(
     ----------
     folder : Path
         As `report_folder` gives it.
-    results : Results
-        Of a study, or read back from report.json.
+    compute : callable
+        Gives the results of a study, or what was read back from report.json.
     posterior : callable, optional
         Gives the draws as netCDF, to put beside them; None where there are none.
     formats : sequence of {"svg", "pdf", "png"}
@@ -105,21 +105,23 @@ def fill_report(
     progress : callable, optional
         Called with the name of each step.
     beside : callable
-        Draws the figures while the rest is written, as `percept.workers.beside` does.
+        Imports matplotlib while results are computed, and draws figures while the rest is written,
+        as `percept.workers.beside` does.
     """
     step = progress or (lambda _: None)
-    step("writing tables")
-    found = findings(results)
 
-    def draw() -> dict[str, Plot]:
+    def ready_to_draw() -> Callable[[Results], dict[str, Plot]]:
         # Matplotlib is slow to import.
         from percept.report.figures import drawings
         from percept.report.figures.canvas import draw_all
 
-        step("drawing figures")
-        return draw_all(drawings(results), folder / "figures", formats=formats)
+        return lambda drawn: draw_all(drawings(drawn), folder / "figures", formats=formats)
 
-    with beside(draw) as plots:
+    with beside(ready_to_draw) as begin:
+        results = compute()
+        plots = begin(results)
+        step("writing tables")
+        found = findings(results)
         (folder / "report.json").write_text(results.to_json(found), encoding="utf-8")
         (folder / "tables").mkdir()
         sections = build_sections(results, found)
@@ -131,6 +133,7 @@ def fill_report(
             draws = posterior()
             if draws is not None:
                 (folder / "posterior.nc").write_bytes(draws)
+        step("drawing figures")
         drawn = plots()
         step("writing the page")
         files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
@@ -179,7 +182,7 @@ def rewrite_report(
     draws = Path(json_file).with_name("posterior.nc")
     with report_folder(out_dir, formats=formats, force=force) as folder:
         try:
-            fill_report(folder, results, formats=formats, date=date, progress=progress)
+            fill_report(folder, lambda: results, formats=formats, date=date, progress=progress)
         except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
             raise UsageError(
                 f"its parts do not fit each other: {error}.",

@@ -7,8 +7,8 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
-from functools import cache
+from contextlib import AbstractContextManager, nullcontext
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -42,8 +42,8 @@ from percept.results.intervals import (
 #: Of report.json and fit.json: the name, and the version of its fields.
 SCHEMA = "percept-report/5"
 
-#: Does some work while the caller goes on: gives a function that waits for its result.
-Beside = Callable[[Callable[[], Any]], AbstractContextManager[Callable[[], Any]]]
+#: Does some work while the caller goes on, as `percept.workers.beside` does.
+Beside = Callable[..., AbstractContextManager[Callable[..., Callable[[], Any]]]]
 #: A record or a mapping as JSON holds it.
 JsonObject = dict[str, Any]
 
@@ -52,6 +52,13 @@ _SHARED = ("omega", "reference", "coupled")
 #: Characters that move a terminal's cursor or hide text: C1 controls, and marks of direction.
 _HIDDEN = re.compile("[\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
+
+
+def in_turn(
+    prepare: Callable[[], Callable[..., Any]],
+) -> AbstractContextManager[Callable[..., Callable[[], Any]]]:
+    """Do some work when its result is asked for, in this process."""
+    return nullcontext(lambda *given: partial(prepare(), *given))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Collection, Iterable, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from importlib import metadata
@@ -26,6 +25,7 @@ from percept.results import (
     Provenance,
     Results,
     Skipped,
+    in_turn,
     plain,
 )
 from percept.scene import Scene
@@ -210,7 +210,7 @@ class Study(Displayed):
         curves: bool = True,
         why: bool = False,
         progress: Callable[[str], None] | None = None,
-        beside: Beside = nullcontext,
+        beside: Beside = in_turn,
     ) -> Results:
         """Compute everything that a report needs, and put it into records.
 
@@ -253,7 +253,8 @@ class Study(Displayed):
         # What both need: the fit.
         found = work_out(["intervals"])
         of_copy = [name for name in asked if sources[name].beside]
-        with beside(partial(work_out, of_copy)) as done:
+        with beside(lambda: work_out) as begin:
+            done = begin(of_copy)
             found |= work_out(name for name in asked if name not in (*found, *of_copy))
             found |= done()
         if curves:
@@ -271,18 +272,17 @@ class Study(Displayed):
         Options go to `percept.report.report_folder` and `percept.report.fill_report`, such
         as ``formats=("pdf",)``, and `why` of `results`.
         """
-        # Matplotlib is slow to import.
         from percept.report import fill_report, report_folder
 
         formats = options.pop("formats", ("svg",))
         force = options.pop("force", False)
         why = options.pop("why", False)
-        beside = options.pop("beside", nullcontext)
+        beside = options.pop("beside", in_turn)
         progress = options.get("progress")
         with report_folder(directory, formats=formats, force=force) as folder:
-            made = self.results(why=why, progress=progress, beside=beside)
+            results = partial(self.results, why=why, progress=progress, beside=beside)
             options |= {"formats": formats, "beside": beside}
-            fill_report(folder, made, posterior=self.posterior_file, **options)
+            fill_report(folder, results, posterior=self.posterior_file, **options)
         return Path(directory) / "report.html"
 
     def decide(self, **options: Any) -> tuple[str, ...]:

@@ -173,8 +173,8 @@ two_cores = pytest.mark.skipif(cores() < 2, reason="one core: no copy would gain
 @two_cores
 def test_a_copy_knows_what_this_process_knows():
     known = {"pid": os.getpid(), "square": lambda x: x * x}
-    with beside(lambda: (os.getpid(), known["pid"], known["square"](3))) as result:
-        copy, here, square = result()
+    with beside(lambda: lambda x: (os.getpid(), known["pid"], known["square"](x))) as begin:
+        copy, here, square = begin(3)()
     assert copy != here == os.getpid()
     assert square == 9
 
@@ -189,8 +189,8 @@ def test_what_a_copy_leaves_undone_is_done_here(end):
             end()
         return os.getpid()
 
-    with beside(work) as result:
-        assert result() == here
+    with beside(lambda: work) as begin:
+        assert begin()() == here
 
 
 @two_cores
@@ -202,7 +202,8 @@ def test_a_copy_ends_with_what_it_was_for(tmp_path):
         time.sleep(60)
 
     def interrupted():
-        with beside(work):
+        with beside(lambda: work) as begin:
+            begin()
             while not started.exists() or not started.read_text():
                 time.sleep(0.01)
             raise KeyboardInterrupt
