@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.shares import DiscIntegral, Discs, Users, score_of, shares_of_cells
+from percept.boundary.shares import Users, chosen_integrals, score_of, shares_of_cells
 from percept.haptics.perceived import Boxes, Display, DistancePlane, Point, Range, shown_element
 from percept.haptics.records import Coupling
 from percept.searches import secant_root
@@ -156,26 +156,24 @@ def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
     middle = 0.5 * (logs.low + logs.high)
     one_device = DistancePlane(*(field[None] for field in plane))
     median = least + np.exp(np.median(middle, axis=0))
-    integrals = Discs(users, one_device, median[None]).integrals
-    found = Range(np.empty_like(middle), np.empty_like(middle))
+    integrals = chosen_integrals(users, one_device, median[None])
     edge = score_of(level)
-    for integral, frequencies in integrals.items():
-        cells = np.nonzero(np.broadcast_to(frequencies, middle.shape))
-        draw, column = cells
-        of_cells = users.select(draw), plane.select(column), least[column], integral
-        for limit, score in zip(found, (-edge, edge), strict=True):
-            start = middle + score / score_of(box_level) * (logs.high - middle)
-            # Scores are zero in the middle, and next to straight: the first slope leads close.
-            # Where next to no user lies below the low end it is the limit.
-            log_above = secant_root(
-                functools.partial(_missing, *of_cells, score),
-                start[cells],
-                logs.low[cells],
-                logs.high[cells],
-                known=(middle[cells], np.full(draw.size, -score)),
-            )
-            limit[cells] = least[column] + np.exp(log_above)
-    return found
+    draw, column = np.indices(middle.shape).reshape(2, -1)
+    of_cells = users.select(draw), plane.select(column), least[column], integrals[column]
+    limits = []
+    for score in (-edge, edge):
+        start = middle + score / score_of(box_level) * (logs.high - middle)
+        # Scores are zero in the middle, and next to straight: the first slope leads close. Where
+        # next to no user lies below the low end it is the limit.
+        log_above = secant_root(
+            functools.partial(_missing, *of_cells, score),
+            start.ravel(),
+            logs.low.ravel(),
+            logs.high.ravel(),
+            known=(middle.ravel(), np.full(draw.size, -score)),
+        )
+        limits.append(least + np.exp(log_above).reshape(middle.shape))
+    return Range(*limits)
 
 
 def _log_range(boxes: Boxes, plane: DistancePlane, least: Array) -> Range:
@@ -194,7 +192,7 @@ def _missing(
     users: Users,
     plane: DistancePlane,
     least: Array,
-    integral: DiscIntegral,
+    integrals: Indices,
     wanted: float,
     which: Indices,
     log_above: Array,
@@ -205,7 +203,7 @@ def _missing(
     the least abs(Z_h) as its logarithm says.
     """
     radius = least[which] + np.exp(log_above)
-    shares = shares_of_cells(users.select(which), plane.select(which), radius, integral)
+    shares = shares_of_cells(users.select(which), plane.select(which), radius, integrals[which])
     scores = special.ndtri(np.clip(shares, _LEAST_SHARE, 1.0 - _LEAST_SHARE))
     missing = np.asarray(scores - wanted)
     missing[np.abs(missing) < _SCORE_ACCURACY] = 0.0

@@ -17,9 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.shares import Discs, Users, score_of, share_within
+from percept.boundary.shares import (
+    Users,
+    chosen_integrals,
+    score_of,
+    shares_at_frequencies,
+    shares_of_cells,
+)
 from percept.haptics.loop import log_grid
-from percept.haptics.perceived import Display, displayed
+from percept.haptics.perceived import Display, DistancePlane, displayed
 from percept.haptics.shown import shown_limits
 from percept.searches import section_minimum
 
@@ -58,6 +64,11 @@ _TOO_NEAR = 2e-4
 #: Rounds of the search for a peak: its place is known to 2e-3 of the bracket, and the score is flat
 #: there.
 _PEAK_ROUNDS = 3
+#: Draws looked at everywhere. Further ones are looked at where one of these is worst, and on either
+#: side: of a thousand draws at most one crosses an edge elsewhere alone.
+_FIRST_LOOK = 64
+#: And where more than this fraction of the most draws lie outside: it may be least probable there.
+_NEAR_MOST = 0.9
 #: Draws judged first, and on: more where the error straddles a threshold.
 DRAWS = (512, 1024, 2048, 4096)
 #: The same behind a map or another device: 0.95 is known to 0.014 and 0.007 by them.
@@ -147,22 +158,27 @@ def feels_real(
     if omega.ndim == 1 and not brief:
         omega = np.union1d(omega, _typical_peaks(display, users, omega))
     looked_at = np.arange(omega.shape[-1])
+    integrals = None
     outside = np.zeros(looked_at.size)
     magnitude = np.empty(0)
-    for stop in draws:
+    for stop in (_FIRST_LOOK, *draws):
         some = np.arange(magnitude.size, min(stop, users.size))
         shown = display if display.count is None else display.select(some)
         some_omega = omega[looked_at] if omega.ndim == 1 else omega[some]
-        scores = search_scores(shown, users.select(some), some_omega, edges)
+        scores = search_scores(shown, users.select(some), some_omega, edges, integrals)
         magnitude = np.append(magnitude, scores.largest)
         outside[looked_at] += np.count_nonzero(scores.at_omega > score_of(central), axis=0)
         evidence = _evidence(magnitude, plane[: magnitude.size], central, centrals)
-        if magnitude.size == users.size or evidence.clear_of(decision):
+        if magnitude.size == users.size or (some[0] > 0 and evidence.clear_of(decision)):
             break
+        integrals = scores.integrals
         if omega.ndim == 1 and some[0] == 0:
-            # Further draws are looked at where one of these is worst, and on either side.
             worst = np.bincount(scores.at_omega.argmax(axis=1), minlength=looked_at.size)
-            looked_at = np.flatnonzero(np.convolve(worst, np.ones(3), mode="same"))
+            decides = np.convolve(worst, np.ones(3), mode="same") > 0.0
+            if not brief:
+                decides |= outside > _NEAR_MOST * outside.max()
+            looked_at = np.flatnonzero(decides)
+            integrals = integrals[looked_at]
     lowest = int(np.argmax(outside))
     return dataclasses.replace(
         evidence,
@@ -243,6 +259,7 @@ class Scores(NamedTuple):
     """
 
     at_omega: Array  # (D, M) of D draws
+    integrals: Indices  # (M,) that they were found by
     largest: Array  # (D,) over the whole range, as far as it decides on which side of edges it lies
 
 
@@ -251,21 +268,45 @@ def _scores(shares: Array) -> Array:
     return np.abs(special.ndtri(np.clip(shares, 0.0, 1.0)))
 
 
-def search_scores(display: Display, users: Users, omega: Array, edges: Array) -> Scores:
+def search_scores(
+    display: Display,
+    users: Users,
+    omega: Array,
+    edges: Array,
+    integrals: Indices | None = None,
+) -> Scores:
     """Look at every frequency of `omega`, (M,) or (D, M), and between those where a peak decides.
 
-    A peak decides where it may pass the next of the edges, (E,), increasing.
+    A peak decides where it may pass the next of the edges, (E,), increasing. Integrals, (M,), are
+    chosen unless they are known.
     """
-    discs = Discs.of(display, users, omega)
-    scores = _scores(discs.shares())
+    discs = _discs(display, omega)
+    if integrals is None:
+        integrals = chosen_integrals(users, *discs)
+    scores = _scores(shares_at_frequencies(users, *discs, integrals))
     largest = scores.max(axis=1)
     next_edge = np.append(edges, np.inf)[np.searchsorted(edges, largest)]
     highest = _reach(scores, np.atleast_2d(omega))
     draw, index = np.nonzero(highest > next_edge[:, None])
     if draw.size:
-        found, _ = _peaks(display, users, omega, (draw, index), discs)
+        found, _ = _peaks(display, users, omega, (draw, index), integrals)
         np.maximum.at(largest, draw, found)
-    return Scores(scores, largest)
+    return Scores(scores, integrals, largest)
+
+
+def _discs(display: Display, omega: Array) -> tuple[DistancePlane, Array]:
+    """Return the plane and the abs(Z_h) of what is displayed at (M,) or (D, M) frequencies.
+
+    By one display in arrays of shape (1, M), by D in such of (D, M).
+    """
+    omega = np.atleast_2d(omega)
+    if display.count is not None:
+        omega = np.broadcast_to(omega, (display.count, omega.shape[1]))
+        rows = np.arange(display.count)
+        display = display.select(np.repeat(rows, omega.shape[1]))
+    plane, radius = displayed(display, omega.ravel())
+    fields = [field.reshape(omega.shape) for field in plane]
+    return DistancePlane(*fields), radius.reshape(omega.shape)
 
 
 def _typical_peaks(display: Display, users: Users, omega: Array) -> Array:
@@ -274,11 +315,11 @@ def _typical_peaks(display: Display, users: Users, omega: Array) -> Array:
     There the fewest populations hold what is displayed.
     """
     typical = users.typical()
-    discs = Discs.of(display, typical, omega)
-    draw, index = np.nonzero(np.isfinite(_reach(_scores(discs.shares()), omega[None])))
+    at_omega, integrals, _ = search_scores(display, typical, omega, np.empty(0))
+    draw, index = np.nonzero(np.isfinite(_reach(at_omega, omega[None])))
     if not draw.size:
         return np.empty(0)
-    _, found = _peaks(display, typical, omega, (draw, index), discs)
+    _, found = _peaks(display, typical, omega, (draw, index), integrals)
     return found
 
 
@@ -307,7 +348,7 @@ def _peaks(
     users: Users,
     omega: Array,
     peaks: tuple[Indices, Indices],
-    discs: Discs,
+    integrals: Indices,
 ) -> tuple[Array, Array]:
     """Return the largest score at each of n peaks, by draw and frequency, and its omega, rad/s."""
     draw, index = peaks
@@ -319,11 +360,7 @@ def _peaks(
         column = np.broadcast_to(index, log_omega.shape).ravel()
         shown = display if display.count is None else display.select(which)
         plane, radius = displayed(shown, np.exp(log_omega).ravel())
-        shares = np.empty(radius.shape)
-        for integral, frequencies in discs.integrals.items():
-            (here,) = np.nonzero(frequencies[column])
-            some = users.select(which[here])
-            shares[here] = share_within(some, plane.select(here), radius[here], integral)
+        shares = shares_of_cells(users.select(which), plane, radius, integrals[column])
         return -_scores(shares).reshape(log_omega.shape)
 
     low = log_omega[draw, index - 1]

@@ -2,30 +2,31 @@
 
 abs(Z_h) is a distance in the plane of (b, k/Omega), so the users with at most a given abs(Z_h) lie
 in a disc. The share is an integral over one of k and b, by Gauss-Legendre nodes; the other has a
-normal law given the first. `Discs` takes it by the fewest nodes that settle its digits.
+normal law given the first. `chosen_integrals` finds the fewest nodes that settle its digits.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.haptics.perceived import Boxes, Display, DistancePlane, Range, displayed
+from percept.haptics.perceived import Boxes, DistancePlane, Range
 
 __all__ = [
     "DAMPING",
     "LEAST",
     "STIFFNESS",
     "DiscIntegral",
-    "Discs",
     "Users",
+    "chosen_integrals",
     "score_of",
     "share_within",
+    "shares_at_frequencies",
     "shares_of_cells",
 ]
 
@@ -152,6 +153,15 @@ class DiscIntegral(NamedTuple):
     even: bool = False
 
 
+#: Those that are tried, in this order; an integral is known by its number.
+_INTEGRALS = [
+    DiscIntegral(inner, nodes, even)
+    for nodes in _NODE_COUNTS
+    for even in (True, False)
+    for inner in (STIFFNESS, DAMPING)
+]
+
+
 class _Quantity(NamedTuple):
     """One quantity's term of the distance, gain·value + offset, and its law."""
 
@@ -269,20 +279,28 @@ def shares_of_cells(
     users: Users,
     plane: DistancePlane,
     radius: Array,
-    integral: DiscIntegral,
+    integrals: Indices,
 ) -> Array:
-    """Return the shares of n populations, each in a disc of its own, (n,), pass by pass."""
+    """Return the shares of n populations, each in a disc and by an integral of its own, (n,)."""
     shares = np.empty(radius.shape)
-    step = _PASS // integral.nodes
-    for start in range(0, radius.size, step):
-        part = slice(start, start + step)
-        some = users.select(part)
-        shares[part] = share_within(some, plane.select(part), radius[part], integral)
+    for number in np.unique(integrals).tolist():
+        (cells,) = np.nonzero(integrals == number)
+        step = _PASS // _INTEGRALS[number].nodes
+        for start in range(0, cells.size, step):
+            part = cells[start : start + step]
+            some = users.select(part)
+            within = plane.select(part), radius[part]
+            shares[part] = share_within(some, *within, _INTEGRALS[number])
     return shares
 
 
-class Discs:
-    """Discs at M frequencies, and the share that each of D populations has in them.
+def shares_at_frequencies(
+    users: Users,
+    plane: DistancePlane,
+    radius: Array,
+    integrals: Indices,
+) -> Array:
+    """Return the share that each of D populations has in discs at M frequencies, (D, M).
 
     Parameters
     ----------
@@ -292,100 +310,55 @@ class Discs:
         In which the discs lie; fields of shape (1, M), or (D, M) with a device for each population.
     radius : ndarray, of that shape
         abs(Z_h), N·s/m.
+    integrals : ndarray, shape (M,)
+        From `chosen_integrals`.
     """
-
-    def __init__(
-        self,
-        users: Users,
-        plane: DistancePlane,
-        radius: Array,
-    ) -> None:
-        self._users = users
-        self._plane = plane
-        self._radius = radius
-
-    @classmethod
-    def of(
-        cls,
-        display: Display,
-        users: Users,
-        omega: Array,
-    ) -> Discs:
-        """Take what is displayed: by one display at (M,) rad/s, or by D at (M,) or (D, M)."""
-        omega = np.atleast_2d(omega)
-        if display.count is not None:
-            omega = np.broadcast_to(omega, (display.count, omega.shape[1]))
-            rows = np.arange(display.count)
-            display = display.select(np.repeat(rows, omega.shape[1]))
-        plane, radius = displayed(display, omega.ravel())
-        fields = [field.reshape(omega.shape) for field in plane]
-        return cls(users, DistancePlane(*fields), radius.reshape(omega.shape))
-
-    def shares(self) -> Array:
-        """Return all shares, (D, M)."""
-        shares = np.empty((self._users.size, self._radius.shape[1]))
-        for integral, frequencies in self.integrals.items():
-            nodes = int(frequencies.sum()) * integral.nodes
-            step = max(1, _PASS // nodes)
-            for start in range(0, self._users.size, step):
-                rows = slice(start, start + step)
-                plane, radius = self._block(rows, frequencies)
-                some = self._users.select(rows).column()
-                shares[rows, frequencies] = share_within(some, plane, radius, integral)
-        return shares
-
-    @cached_property
-    def integrals(self) -> dict[DiscIntegral, Flags]:
-        """Say for each integral at which frequencies (M,) it settles with the fewest nodes.
-
-        A few populations are tried: which order is smooth depends on the frequency more than on the
-        draw.
-        """
-        few = slice(None, None, max(1, self._users.size // _TRIED))
-        every = np.ones(self._radius.shape[1], dtype=bool)
-        plane, radius = self._block(few, every)
-        return _chosen(self._users.select(few).column(), plane, radius)
-
-    def _block(self, rows: slice, columns: Flags) -> tuple[DistancePlane, Array]:
-        """Return the discs of some populations at some frequencies."""
-        if len(self._radius) == 1:
-            rows = slice(None)
-        plane = DistancePlane(*(field[rows][:, columns] for field in self._plane))
-        return plane, self._radius[rows][:, columns]
+    shares = np.empty((users.size, integrals.size))
+    for number in np.unique(integrals).tolist():
+        (columns,) = np.nonzero(integrals == number)
+        step = max(1, _PASS // (columns.size * _INTEGRALS[number].nodes))
+        for start in range(0, users.size, step):
+            rows = slice(start, start + step)
+            part = rows if len(radius) > 1 else slice(None), columns
+            within = DistancePlane(*(field[part] for field in plane)), radius[part]
+            some = users.select(rows).column()
+            shares[rows, columns] = share_within(some, *within, _INTEGRALS[number])
+    return shares
 
 
-def _chosen(
+def chosen_integrals(
     users: Users,
     plane: DistancePlane,
     radius: Array,
-) -> dict[DiscIntegral, Flags]:
-    """Try integrals on populations (D, 1), from the fewest nodes on."""
+) -> Indices:
+    """Return for each frequency the integral that settles with the fewest nodes, (M,).
+
+    Parameters as in `shares_at_frequencies`. A few populations are tried: which order is smooth
+    depends on the frequency more than on the draw.
+    """
+    few = slice(None, None, max(1, users.size // _TRIED))
+    users = users.select(few).column()
+    if len(radius) > 1:
+        plane = DistancePlane(*(field[few] for field in plane))
+        radius = radius[few]
     shape = np.broadcast_shapes(users.correlation.shape, radius.shape)
-    candidates = [
-        DiscIntegral(inner, nodes, even)
-        for nodes in _NODE_COUNTS
-        for even in (True, False)
-        for inner in (STIFFNESS, DAMPING)
-    ]
-    chosen = np.full(shape[1], len(candidates) - 1)
+    chosen = np.full(shape[1], len(_INTEGRALS) - 1)
     unsettled = np.arange(shape[1])
     reaches_edges = [_reaches_edges(users, plane, radius, inner) for inner in (STIFFNESS, DAMPING)]
     # The last shares of each kind of integral.
-    shares = np.full((2, 2, *shape), np.nan)
-    for number, integral in enumerate(candidates):
-        tried = unsettled
-        if integral.even:
-            tried = unsettled[reaches_edges[integral.inner][unsettled]]
+    shares = np.full((2, *shape), np.nan)
+    for number, integral in enumerate(_INTEGRALS):
+        tried = unsettled[reaches_edges[integral.inner][unsettled] == integral.even]
         if not tried.size:
             continue
-        finer = share_within(users, plane.select(tried), radius[..., tried], integral)
-        coarser = shares[int(integral.even), integral.inner]
+        finer = share_within(users, plane.select(tried), radius[:, tried], integral)
+        coarser = shares[integral.inner]
         change = np.abs(finer - coarser[:, tried]).max(axis=0)
         coarser[:, tried] = finer
         settled = tried[change < _AGREEMENT * _ACCURACY]
         chosen[settled] = number
         unsettled = np.setdiff1d(unsettled, settled)
-    return {candidates[number]: chosen == number for number in np.unique(chosen).tolist()}
+    return chosen
 
 
 def _reaches_edges(

@@ -10,6 +10,7 @@ searches between frequencies.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -150,6 +151,8 @@ class _Map:
         self._name = name
         self._scene = scene
         self._decision = scene.inference.decision
+        #: What serves all environments may be an end of this one.
+        self.confirm = functools.cache(self._confirm)
         self.users = users
         few_users = users.select(slice(MAP_DRAWS[0]))
         central = scene.verdict.central
@@ -195,7 +198,7 @@ class _Map:
             **ends,
         )
 
-    def confirm(self, coupling: Coupling) -> Evidence:
+    def _confirm(self, coupling: Coupling) -> Evidence:
         """Judge one coupling between frequencies too, with the device at its point."""
         setup = dataclasses.replace(self._setup, coupling=coupling, draws=None)
         return evidence_of(
