@@ -120,22 +120,22 @@ class _Curves:
     """P curves of log abs(Z_h) with their probabilities, in order at each of M frequencies."""
 
     def __init__(self, logs: Array, probability: Array) -> None:
-        order = logs.argsort(axis=1)
-        weights = probability[order] / probability.sum()
-        below = np.cumsum(weights, axis=1) - 0.5 * weights
-        # (M, P) of the probability below
-        self._scores = special.ndtri(np.clip(below, _LEAST_PROBABILITY, 1.0 - _LEAST_PROBABILITY))
-        self._in_order = np.take_along_axis(logs, order, axis=1)
-        self.logs = logs  # (M, P)
-        #: (M, P) score of each curve.
-        self.scores = np.empty_like(logs)
-        np.put_along_axis(self.scores, order, self._scores, axis=1)
+        weights = probability / probability.sum()
+        #: (M, P) probability below each curve.
+        self.below = np.empty_like(logs)
+        self._in_order = []
+        # What belongs to one frequency stays in the processor's cache.
+        for row, here in enumerate(logs):
+            order = here.argsort()
+            ordered = weights[order]
+            below = ordered.cumsum() - 0.5 * ordered
+            self.below[row, order] = below
+            self._in_order.append((below, here[order]))
 
     def limits(self, score: float) -> Array:
         """Return the log limits (2, M) at a score."""
-        ends = [-score, score]
-        rows = zip(self._scores, self._in_order, strict=True)
-        return np.array([np.interp(ends, scores, logs) for scores, logs in rows]).T
+        ends = special.ndtr([-score, score])
+        return np.array([np.interp(ends, below, logs) for below, logs in self._in_order]).T
 
 
 class Magnitude:
@@ -215,10 +215,11 @@ class Magnitude:
     def simultaneous_score(self, level: float) -> SimultaneousScore:
         """Return the score whose limits hold whole curves with a probability, `level`."""
         points = self._points
-        sizes = np.abs(self._curves.scores)
-        frequency = sizes.argmax(axis=0)
-        farthest = sizes.max(axis=0)
-        upper = np.take_along_axis(self._curves.scores, frequency[None], axis=0)[0] > 0.0
+        below = self._curves.below
+        beyond = np.minimum(below, 1.0 - below)
+        frequency = beyond.argmin(axis=0)
+        farthest = -special.ndtri(np.maximum(beyond.min(axis=0), _LEAST_PROBABILITY))
+        upper = np.take_along_axis(below, frequency[None], axis=0)[0] > 0.5
         order = farthest.argsort()
         held = np.cumsum(points.probability[order])
         # Whole curves leave at least as often as they leave at one frequency.
@@ -335,12 +336,9 @@ class Magnitude:
         """Return by how many SDs each batch of draws moves limits out, (2, M, B)."""
         points = self._points
         change = points.by_batch - points.probability[:, None]
-        lower, upper = self._curves.limits(score)
+        below = self._curves.below
         # A batch that holds more moves the lower limit down and so out, the upper one in.
-        more = [
-            (self._curves.logs < lower[:, None]) @ change,
-            (self._curves.logs > upper[:, None]) @ change,
-        ]
+        more = [(below < special.ndtr(-score)) @ change, (below > special.ndtr(score)) @ change]
         return np.array(more) / _density(score)
 
 
