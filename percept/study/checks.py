@@ -118,14 +118,10 @@ def subject_tables(
     statistics = subjects.density.statistics
     names = statistics.subjects
     checks = []
-    for i, name in enumerate(names):
-        check = SubjectCheck(
-            subject=name,
-            pareto_k=float(loo.pareto_k[i]),
-            farther=float(predicted.farther[i]),
-            outlier=bool(predicted.farther[i] < FALSE_ALARM / len(names)),
-        )
-        checks.append(check)
+    of_subjects = zip(names, loo.pareto_k.tolist(), predicted.farther.tolist(), strict=True)
+    for name, pareto_k, farther in of_subjects:
+        is_outlier = farther < FALSE_ALARM / len(names)
+        checks.append(SubjectCheck(name, pareto_k, farther, is_outlier))
     means = statistics.cell_means
     by_cell = means.reshape(len(means), -1)
     value = fit.scale.native(by_cell).reshape(means.shape)
@@ -133,16 +129,11 @@ def subject_tables(
     present = np.argwhere(np.isfinite(means)).tolist()
     for i, p, j in present:
         below = float(predicted.below[i, p, j])
-        if 2.0 * min(below, 1.0 - below) >= FALSE_ALARM / len(present):
-            continue
-        cell = CellOutlier(
-            subject=names[i],
-            environment=statistics.environments[j],
-            parameter=statistics.parameters[p],
-            value=float(value[i, p, j]),
-            below=below,
-        )
-        cells.append(cell)
+        if 2.0 * min(below, 1.0 - below) < FALSE_ALARM / len(present):
+            parameter = statistics.parameters[p]
+            environment = statistics.environments[j]
+            amount = float(value[i, p, j])
+            cells.append(CellOutlier(names[i], environment, parameter, amount, below))
     return LeftOut(
         good_k=loo.good_k,
         subjects=tuple(checks),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -77,10 +76,8 @@ def cells_of(sessions: Sessions, names: Sequence[str]) -> pd.DataFrame:
     """Environment of the cells of these names, and their level in each factor: a row each."""
     if sessions.factors is None:
         return pd.DataFrame({ENVIRONMENT: names})
-    rows = []
-    for name in names:
-        environment, levels = sessions.factors.cells[name]
-        rows.append([environment, *levels])
+    found = [sessions.factors.cells[name] for name in names]
+    rows = [(environment, *levels) for environment, levels in found]
     return pd.DataFrame(rows, columns=[ENVIRONMENT, *sessions.factors.levels])
 
 
@@ -175,11 +172,9 @@ def _by_reference(
 
     It averages over the levels of all other factors at which all corners have data.
     """
-    others = cells.drop(columns=[*term]).itertuples(index=False, name=None)
-    # Cells that differ in the term's levels alone have one name.
-    names = list(others)
-    counts = Counter(itertools.compress(names, signs))
-    is_whole = np.array([counts[name] == corners for name in names])
+    # Cells that differ in the term's levels alone are its corners.
+    others = [cells[name] for name in cells if name not in term]
+    is_whole = pd.Series(signs != 0.0).groupby(others).transform("sum").to_numpy() == corners
     made = []
     for environment in cells[ENVIRONMENT].unique().tolist():
         weights = signs * is_whole * (cells[ENVIRONMENT].to_numpy() == environment)
@@ -223,6 +218,6 @@ def subject_cells(data: Data, trials: Trials, numbers: Array) -> SubjectCells:
     within = [cells[name] for name in cells if name not in between]
     # Each subject is in one group: of cells that differ in groups alone one has a number.
     values = pd.DataFrame(numbers.T).groupby(within).transform("first")
-    first_cell = (trials.counts > 0.0).argmax(axis=1)
+    first_cell = (trials.statistics.counts > 0.0).argmax(axis=1)
     groups = {name: cells[name].to_numpy(dtype=object)[first_cell] for name in between}
     return SubjectCells(values.to_numpy().T, cells, groups)

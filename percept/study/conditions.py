@@ -177,7 +177,7 @@ def _refuse_aliases(sessions: Sessions, conditions: Conditions) -> None:
         if term[0] in conditions.covariates:
             of_term = in_sds(added.astype(float))
         else:
-            joint = added.astype(str).agg(":".join, axis=1)
+            joint = added.astype(str).groupby(list(term)).ngroup()
             of_term = pd.get_dummies(joint, dtype=float).to_numpy()
         rank = np.linalg.matrix_rank(columns)
         columns = np.hstack([columns, of_term])
@@ -222,7 +222,11 @@ def at_typical_references(sessions: Sessions, scene: Scene) -> Sessions:
     column = _varying(sessions, scene)
     table = sessions.table.copy()
     if table["environment"].nunique() == 1:
-        table["environment"] = _ranges(table[column])
+        # Ranges have equal numbers of trials; quantiles that ties make equal are dropped.
+        number = pd.qcut(table[column], _RANGES, labels=False, duplicates="drop")
+        of_range = table[column].groupby(number)
+        ends = of_range.transform(lambda own: f"{own.min():.6g} to {own.max():.6g}")
+        table["environment"] = ends
     log_reference = np.log(table[column])
     log_mean = log_reference.groupby(table["environment"]).transform("mean")
     log_ratio = log_reference - log_mean
@@ -259,13 +263,3 @@ def _varying(sessions: Sessions, scene: Scene) -> str:
         hint = "Leave these trials out: [sessions] exclude."
         raise UsageError(message, column=column, value=float(low), hint=hint)
     return column
-
-
-def _ranges(references: pd.Series[float]) -> pd.Series[str]:
-    """Name the range that each reference lies in, by the range's ends."""
-    # Ranges have equal numbers of trials; quantiles that ties make equal are dropped.
-    number = pd.qcut(references, _RANGES, labels=False, duplicates="drop")
-    ends = references.groupby(number).agg(["min", "max"])
-    # A range that ties leave empty is missing here: names go by number, not by place.
-    names = [f"{low:.6g} to {high:.6g}" for low, high in ends.to_numpy().tolist()]
-    return number.map(dict(zip(ends.index, names, strict=True)))

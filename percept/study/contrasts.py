@@ -148,17 +148,17 @@ def classical_contrasts(data: Data) -> Iterator[ContrastRow | Skipped]:
 
 def _log_sds(trials: Trials, label: str) -> tuple[Array, list[Skipped]]:
     """Log SDs between each subject's trials in each cell, (N, C), and those there are none of."""
-    log_sds = np.full(trials.counts.shape, np.nan)
+    counts = trials.statistics.counts
+    log_sds = np.full(counts.shape, np.nan)
     skipped = []
-    for i, cell in np.argwhere(trials.counts > 1.0).tolist():
-        in_cell = (trials.subject == i) & (trials.environment == cell)
-        responses = trials.response[in_cell, 0]
+    for i, j in np.argwhere(counts > 1.0).tolist():
+        responses = trials.response[(trials.subject == i) & (trials.environment == j), 0]
         # Of equal values the SD may be rounding of their mean.
         if np.ptp(responses) > 0.0:
-            log_sds[i, cell] = log_sd(responses.std(ddof=1), len(responses) - 1.0)
+            log_sds[i, j] = log_sd(responses.std(ddof=1), counts[i, j] - 1.0)
             continue
         what = f"{trials.subjects[i]} in the precision of {label}"
-        why = f"all trials in {trials.environments[cell]} are equal, and zero has no logarithm"
+        why = f"all trials in {trials.environments[j]} are equal, and zero has no logarithm"
         skipped.append(Skipped(what, why))
     return log_sds, skipped
 

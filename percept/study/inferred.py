@@ -241,7 +241,7 @@ class Inferred:
             return None
         from percept.study.posterior import netcdf
 
-        return netcdf(self.passed, seed=self.data.asked.seed)
+        return netcdf(self.passed)
 
     @part
     def _checked(self) -> Iterator[Checks | Skipped]:

@@ -102,49 +102,43 @@ def linear_model(
     design = design_of(cells, factors, priors, options_of(scene))
     model = LinearModel(statistics, design, priors, resolution_of(trials, scene))
     sds = dict(zip(names, covariates.std(ddof=0).tolist(), strict=True))
-    contrasts: list[Contrast | Skipped] = []
-    for p in range(len(trials.parameters)):
-        contrasts += _contrasts(model, data, trials, p, sds)
-    return model, contrasts
+    return model, list(_contrasts(model, data, trials, sds))
 
 
 def _contrasts(
-    model: LinearModel, data: Data, trials: Trials, p: int, covariate_sds: Mapping[str, float]
+    model: LinearModel, data: Data, trials: Trials, covariate_sds: Mapping[str, float]
 ) -> Iterator[Contrast | Skipped]:
-    """Yield what is compared of quantity p, and its slopes on covariates, whose SDs are given."""
-    parameter = trials.parameters[p]
-    cells = model.design.cells
-    count = len(cells.names)
+    """Yield what is compared of each quantity, and slopes on covariates, whose SDs are given."""
+    references = model.design.cells.environments
+    covariates = model.statistics.covariates
     present = np.isfinite(model.statistics.cell_means[:, 0])
-    for found in compared(data, trials, parameter):
-        if isinstance(found, Skipped):
-            yield found
-            continue
-        if found.of == "spread" and found.factor not in data.conditions.spread:
-            # The spread of subjects' effects is one for all levels: a ratio would be falsely
-            # certain.
-            continue
-        # Locations are cells quantity by quantity, then slopes of all quantities by covariate.
-        row = np.zeros(model.locations)
-        row[p * count : (p + 1) * count] = found.weights
-        subjects = _subjects_behind(found, cells, present)
-        yield dataclasses.replace(found, row=row, subjects=subjects)
-    for number, (name, sd) in enumerate(covariate_sds.items(), start=count):
-        covariates = model.statistics.covariates
-        row = np.zeros(model.locations)
-        # A slope of the model is for one SD of its covariate; this one is for one unit.
-        row[number * len(trials.parameters) + p] = 1.0 / sd
-        yield Contrast(
-            parameter=parameter,
-            factor=name,
-            first="the same",
-            second="1 decade more" if name == TRIAL_REFERENCE else "1 more",
-            of="slope",
-            within=covariates is not None and name in covariates.within,
-            references=cells.environments,
-            row=row,
-            subjects=len(present),
-        )
+    quantities = len(trials.parameters)
+    rows = np.split(model.cell_rows, quantities)
+    for p, parameter in enumerate(trials.parameters):
+        for found in compared(data, trials, parameter):
+            if isinstance(found, Skipped):
+                yield found
+            elif found.of != "spread" or found.factor in data.conditions.spread:
+                # Elsewhere the spread of subjects' effects is one for all levels: a ratio would be
+                # falsely certain.
+                subjects = _subjects_behind(found, model.design.cells, present)
+                yield dataclasses.replace(found, row=found.weights @ rows[p], subjects=subjects)
+        for number, (name, sd) in enumerate(covariate_sds.items()):
+            row = np.zeros(model.locations)
+            # Slopes stand after the cells, those of all quantities by covariate. One of the model
+            # is for one SD of its covariate; this one is for one unit.
+            row[len(model.cells) + number * quantities + p] = 1.0 / sd
+            yield Contrast(
+                parameter=parameter,
+                factor=name,
+                first="the same",
+                second="1 decade more" if name == TRIAL_REFERENCE else "1 more",
+                of="slope",
+                within=covariates is not None and name in covariates.within,
+                references=references,
+                row=row,
+                subjects=len(present),
+            )
 
 
 def _subjects_behind(contrast: Contrast, cells: Cells, present: NDArray[np.bool_]) -> int:
@@ -226,7 +220,7 @@ def why_one_trial_sd(trials: Trials, scene: Scene) -> str:
     why = _alike(trials)
     if why or setting is True or table.precision:
         return why
-    repeats = np.maximum(trials.counts - 1.0, 0.0).sum(axis=1)
+    repeats = np.maximum(trials.statistics.counts - 1.0, 0.0).sum(axis=1)
     if len(repeats) > _MOST_SUBJECTS:
         why = f"the study has more than {_MOST_SUBJECTS} subjects"
     elif np.median(repeats) < _LEAST_TRIAL_DF:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -40,9 +40,6 @@ _PRIOR_DRAWS = 1000
 #: Written for "/" in names of variables: a DataTree would read a path.
 _SLASH = "\N{DIVISION SLASH}"
 
-#: Entries of dimensions, by the name of the coordinate: its dimension, and texts.
-Labels = dict[str, tuple[str, Sequence[str]]]
-
 _NAMES = resources.files("percept.study").joinpath("posterior.toml")
 
 
@@ -52,7 +49,7 @@ def variables_of_posterior() -> dict[str, dict[str, str]]:
     return tomllib.loads(_NAMES.read_text(encoding="utf-8"))
 
 
-def netcdf(fit: Fit, *, seed: int) -> bytes:
+def netcdf(fit: Fit) -> bytes:
     """Collect draws and data in a netCDF file, one chain per ensemble.
 
     It is put together in memory: where HDF5 itself runs into a full disk, closing its file ends the
@@ -62,8 +59,6 @@ def netcdf(fit: Fit, *, seed: int) -> bytes:
     ----------
     fit : Fit
         A fit that passed.
-    seed : int
-        Of the draws of locations, effects, predictions and prior.
 
     Returns
     -------
@@ -73,9 +68,15 @@ def netcdf(fit: Fit, *, seed: int) -> bytes:
         what they hold. Equal posteriors are equal files.
     """
     buffer = io.BytesIO()
-    labels = _labels(fit)
+    units = [fit.data.quantities[name].unit for name in fit.parameters]
+    labels: dict[str, Sequence[str]] = {
+        "parameter": fit.parameters,
+        "environment": fit.environments,
+        "cell": [f"{p} in {e}" for p, e in fit.model.cells],
+        "subject": fit.trials.subjects if fit.trials else (),
+    }
     with h5py.File(buffer, "w") as file:
-        for name, variables in _groups(fit, seed).items():
+        for name, variables in _groups(fit).items():
             group = file.create_group(name, track_order=True)
             group.attrs.update(_about(fit))
             # Draws from the prior are one chain.
@@ -90,19 +91,19 @@ def netcdf(fit: Fit, *, seed: int) -> bytes:
                 added = _add(group, _without_slashes(variable), along, values, labels)
                 added.attrs["_FillValue"] = np.full(1, np.nan, values.dtype)
                 added.attrs.update(_attributes(variable))
-                further = [
-                    label for label, (of, _) in labels.items() if of in along and of != label
-                ]
-                if further:
-                    added.attrs["coordinates"] = " ".join(further)
-            for label, (dimension, texts) in labels.items():
-                if label != dimension and dimension in group:
-                    _add(group, label, [dimension], _strings(texts), labels)
+                if "parameter" in along:
+                    added.attrs["coordinates"] = "unit"
+            if "parameter" in group:
+                _add(group, "unit", ["parameter"], _strings(units), labels)
     return buffer.getvalue()
 
 
 def _add(
-    group: h5py.Group, name: str, dimensions: Sequence[str], values: Array, labels: Labels
+    group: h5py.Group,
+    name: str,
+    dimensions: Sequence[str],
+    values: Array,
+    labels: Mapping[str, Sequence[str]],
 ) -> h5py.Dataset:
     """Add a variable to a group, and the dimensions that it lacks: labelled, or by number."""
     variable = group.create_dataset(name, data=values)
@@ -110,8 +111,7 @@ def _add(
         if dimension not in group:
             entries = np.arange(values.shape[axis])
             if dimension in labels:
-                _, texts = labels[dimension]
-                entries = _strings(texts)
+                entries = _strings(labels[dimension])
             # A dimension of netCDF is a scale of HDF5.
             group.create_dataset(dimension, data=entries).make_scale(dimension)
         variable.dims[axis].attach_scale(group[dimension])
@@ -122,9 +122,10 @@ def _strings(texts: Sequence[str]) -> NDArray[Any]:
     return np.array(texts, dtype=h5py.string_dtype())
 
 
-def _groups(fit: Fit, seed: int) -> dict[str, Named]:
+def _groups(fit: Fit) -> dict[str, Named]:
     """Draw every group: its variables by name."""
     points = _thinned(fit)
+    seed = fit.data.asked.seed
     rng = generator(seed, Stream.LOCATIONS)
     means, users = fit.model.draw(points, rng)
     posterior = fit.model.scales(points)
@@ -145,10 +146,10 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
         posterior["subject_effect"] = (("subject", "parameter"), effects)
     groups["log_likelihood"] = {"left_out": (("subject",), subjects.log_density(points))}
     studies = list(new_studies(subjects, points, rng))
-    predicted["response"] = _observations(subjects, np.concatenate(studies))
+    predicted["response"] = _by_subject(np.concatenate(studies))
     # Data are one draw of themselves.
     observed = density.statistics.cell_means[None]
-    groups["observed_data"] = {"response": _observations(subjects, observed)}
+    groups["observed_data"] = {"response": _by_subject(observed)}
     rng_of_prior = generator(seed, Stream.PRIOR)
     scales, prior_means = draw_prior(density, _PRIOR_DRAWS, rng_of_prior)
     groups["prior"] = scales | {"population_mean": _in_cells(fit, prior_means)}
@@ -197,19 +198,10 @@ def _in_cells(fit: Fit, responses: Array) -> tuple[tuple[str, ...], Array]:
     return ("parameter", "environment"), values
 
 
-def _present(subjects: SubjectDensity) -> NDArray[np.bool_]:
-    """Tell which subjects were in which environments, (N, J)."""
-    finite = np.isfinite(subjects.density.statistics.cell_means)
-    return np.asarray(finite.all(axis=1))
-
-
-def _observations(subjects: SubjectDensity, cells: Array) -> tuple[tuple[str, ...], Array]:
-    """Keep the cell means that were observed: from (S, N, P, J) to (S, P, observations)."""
-    present = _present(subjects)
-    by_parameter = cells.transpose(0, 2, 1, 3)
-    observed = by_parameter[:, :, present]
+def _by_subject(cells: Array) -> tuple[tuple[str, ...], Array]:
+    """Name the dimensions of subjects' cell means (S, N, P, J); NaN where a subject has none."""
     # They are most of the file. Single precision halves it, and seven digits are enough to read.
-    return ("parameter", "observation"), observed.astype(np.float32)
+    return ("subject", "parameter", "environment"), cells.astype(np.float32)
 
 
 def _about(fit: Fit) -> dict[str, str]:
@@ -222,25 +214,3 @@ def _about(fit: Fit) -> dict[str, str]:
         "creation_library_version": percept.__version__,
         "response": response,
     }
-
-
-def _labels(fit: Fit) -> Labels:
-    """Name the entries of dimensions, and give units and where an observation was made."""
-    units = [fit.data.quantities[name].unit for name in fit.parameters]
-    labels: Labels = {
-        "parameter": ("parameter", fit.parameters),
-        "unit": ("parameter", units),
-        "environment": ("environment", fit.environments),
-        "cell": ("cell", [f"{p} in {e}" for p, e in fit.model.cells]),
-    }
-    if fit.trials:
-        labels["subject"] = ("subject", fit.trials.subjects)
-    if isinstance(fit.subjects, SubjectDensity):
-        # Observations stand in the order of the statistics, as `_observations` takes them.
-        statistics = fit.subjects.density.statistics
-        subject_codes, environment_codes = np.nonzero(_present(fit.subjects))
-        subjects = [statistics.subjects[i] for i in subject_codes]
-        environments = [statistics.environments[j] for j in environment_codes]
-        labels["observed_subject"] = ("observation", subjects)
-        labels["observed_environment"] = ("observation", environments)
-    return labels

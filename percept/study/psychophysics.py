@@ -135,7 +135,7 @@ def absent_jnds(data: Data) -> Iterator[Skipped]:
             yield Skipped(what, str(refused))
             continue
         names = np.array(trials.environments)
-        once = names[trials.counts.max(axis=0) == 1.0].tolist()
+        once = names[trials.statistics.trial_df == 0.0].tolist()
         if once:
             where = "" if len(once) == len(names) else f" in {', '.join(once)}"
             yield Skipped(what + where, "it needs repeated trials")
@@ -174,7 +174,7 @@ def _of_trials(data: Data, trials: Trials, j: int) -> _Rows:
     df = float(trials.statistics.trial_df[j])
     if df == 0.0:
         return
-    present = trials.counts[:, j] > 0
+    present = trials.statistics.counts[:, j] > 0
     measured = Measured(
         data,
         "classical",
@@ -189,7 +189,7 @@ def _of_trials(data: Data, trials: Trials, j: int) -> _Rows:
     no_scatter = trial_sd == 0.0 and np.ptp(means) == 0.0
     if no_scatter or len(means) < 2:
         return
-    counts = trials.counts[present, j]
+    counts = trials.statistics.counts[present, j]
     reliability = icc_one_way(trial_mean_squares(means, counts, trial_sd), level=level)
     yield from measured.rows("icc_1", reliability, approximate=bool(np.ptp(counts) > 0.0))
 
@@ -214,7 +214,7 @@ def _components(data: Data, trials: Trials) -> _Rows:
         return
     trial_square = float(trials.statistics.trial_squares.sum()) / df
     # What subjects differ by within environments, against what their trials differ by.
-    repeats = 1.0 / float(np.mean(1.0 / trials.counts[complete]))
+    repeats = 1.0 / float(np.mean(1.0 / trials.statistics.counts[complete]))
     within_environments = MeanSquares(
         subjects=repeats * squares.error,
         error=trial_square,

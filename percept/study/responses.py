@@ -5,23 +5,19 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Collection, Iterator, Sequence
-from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError, counted
+from percept.inference.model.statistics import Resolution, Statistics, from_trials
 from percept.results import Skipped
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
 from percept.study.basics import IF_BY_TRIAL, Array, References
-
-if TYPE_CHECKING:
-    from percept.inference.model.statistics import Resolution, Statistics
-
 
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values
 #: printed to six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
@@ -73,33 +69,10 @@ class Trials:
     parameters: tuple[str, ...]
     subjects: tuple[str, ...]  # Labels of the codes
     environments: tuple[str, ...]  # Labels of the codes
-    reference: Array  # (P, J) In the units of their quantities
+    statistics: Statistics  # What the density of the model needs of the trials
     scale: ResponseScale  # The way back
     skipped: tuple[Skipped, ...]  # Trials and environments that lack one of the parameters
     rows: pd.Index[int]  # Of the sessions' table, one for each trial
-
-    @cached_property
-    def counts(self) -> Array:
-        """Trials of each subject in each environment, (N, J)."""
-        counts = np.zeros((len(self.subjects), len(self.environments)))
-        np.add.at(counts, (self.subject, self.environment), 1.0)
-        return counts
-
-    @cached_property
-    def statistics(self) -> Statistics:
-        """What the density of the model needs of the trials."""
-        # The classical method does without the model.
-        from percept.inference.model.statistics import from_trials
-
-        return from_trials(
-            self.response,
-            self.subject,
-            self.environment,
-            decades(self.reference),
-            parameters=self.parameters,
-            environments=self.environments,
-            subjects=self.subjects,
-        )
 
 
 def decades(reference: Array) -> Array:
@@ -159,6 +132,15 @@ def trials(
     response = (adjusted - reference_of_trial) / unit[:, environment].T
     if lognormal:
         response = np.log(adjusted / reference_of_trial)
+    statistics = from_trials(
+        response,
+        subject,
+        environment,
+        decades(reference),
+        parameters=parameters,
+        environments=environments,
+        subjects=subjects,
+    )
     return Trials(
         response=response,
         subject=subject,
@@ -166,7 +148,7 @@ def trials(
         parameters=parameters,
         subjects=subjects,
         environments=environments,
-        reference=reference,
+        statistics=statistics,
         scale=ResponseScale(lognormal, reference.ravel(), unit.ravel()),
         skipped=tuple(skipped),
         rows=table.index,
@@ -240,16 +222,15 @@ def resolution_of(trials: Trials, scene: Scene) -> Resolution | None:
 
     RefusalError where these have no step.
     """
-    from percept.inference.model.statistics import Resolution
-
     steps = scene.model.resolution
     statistics = trials.statistics
     between, trial = lacking_scatter(statistics, steps, scene.quantities)
     if not (between.any() or trial.any()):
         return None
-    unit = trials.scale.unit.reshape(trials.reference.shape)
+    unit = trials.scale.unit.reshape(between.shape)
     if trials.scale.log:
-        unit = trials.reference * np.exp(np.nanmean(statistics.cell_means, axis=0))
+        typical = np.exp(np.nanmean(statistics.cell_means, axis=0))
+        unit = trials.scale.origin.reshape(between.shape) * typical
     step = np.array([steps.get(p, 0.0) for p in statistics.parameters])
     variance = (step[:, None] / unit) ** 2 / 12.0
     # Elsewhere rounding is part of the scatter that is seen, and its variance would count twice.
@@ -315,14 +296,14 @@ def lacking_scatter(
 def _in_proportion(a: Array, b: Array, df: Array) -> bool:
     """Say whether the rows of the scatter (J, n) of two quantities are multiples in every one."""
     informed = df >= 1.0
+    # Near a correlation of one the density of such pairs grows as (1 - rho²)^(-(f - 1)/2) for every
+    # environment's f degrees of freedom; from four such half powers on no prior of rho holds it.
+    if (df[informed] - 1.0).sum() < 4.0:
+        return False
     a = a[informed]
     b = b[informed]
     squares = np.nansum(a * a, axis=1) * np.nansum(b * b, axis=1)
     with np.errstate(invalid="ignore"):
         correlations = np.nansum(a * b, axis=1) / np.sqrt(squares)
     # What is left of a regression, over what is regressed, is the root of 1 - r².
-    is_near_one = np.abs(correlations) >= np.sqrt(1.0 - _PROPORTION**2)
-    is_one_sign = abs(np.sign(correlations).sum()) == correlations.size
-    # Near a correlation of one the density of such pairs grows as (1 - rho²)^(-(f - 1)/2) for every
-    # environment's f degrees of freedom; from four such half powers on no prior of rho holds it.
-    return bool(is_near_one.all() and is_one_sign and (df[informed] - 1.0).sum() >= 4.0)
+    return bool(abs(correlations.mean()) >= np.sqrt(1.0 - _PROPORTION**2))

@@ -41,7 +41,7 @@ def test_the_file_holds_what_was_written(opened, fitted):
     trials = fitted.fit.trials
     observed = opened["observed_data/response"]
     means = trials.statistics.cell_means
-    one = observed.sel(parameter="b").to_numpy()[observed["observed_subject"].to_numpy() == "S04"]
+    one = observed.sel(subject="S04", parameter="b").to_numpy()
     assert one == pytest.approx(means[3, 1], rel=1e-6)
     assert opened["posterior"]["unit"].to_numpy().tolist() == ["N/m", "N·s/m"]
 
@@ -84,8 +84,8 @@ def test_arviz_plots_it(opened, arviz_plots, plot, names, tmp_path):
 def test_subject_effects_lie_where_the_data_are(opened):
     effect = opened["posterior/subject_effect"].mean(("chain", "draw")).to_numpy()
     sigma = opened["posterior/sigma_u"].mean(("chain", "draw")).to_numpy()
-    observed = opened["observed_data/response"].to_numpy().reshape(2, 10, 5)
-    raw = (observed - observed.mean(axis=1, keepdims=True)).mean(axis=2).T
+    observed = opened["observed_data/response"].to_numpy()
+    raw = (observed - observed.mean(axis=0)).mean(axis=2)
     for p in range(2):
         assert np.corrcoef(effect[:, p], raw[:, p])[0, 1] > 0.5
         assert np.abs(effect[:, p]).max() < 3.0 * sigma[p]
@@ -98,8 +98,8 @@ def test_a_study_with_a_factor_has_its_terms():
     found = tree["posterior"].data_vars
     assert {"psi:hand", "eta:hand", "sigma_v:hand"} <= set(found)
     effect = found["subject_effect"].mean(("chain", "draw"))
-    raw = tree["observed_data/response"].to_numpy().reshape(len(effect["parameter"]), 4, -1)
-    for p, own in enumerate(raw.mean(axis=2)):
+    raw = tree["observed_data/response"].mean("environment").to_numpy()
+    for p, own in enumerate(raw.T):
         assert np.corrcoef(effect[:, p], own)[0, 1] > 0.9
     assert found["psi:hand"].attrs["long_name"] == "differences of levels in log sigma, hand"
 

@@ -93,6 +93,7 @@ class Statistics:
     patterns: tuple[Pattern, ...]  # Distinct patterns of trial counts
     scatter: TrialScatter  # Between trials
     cell_means: Array  # (N, P, J) Cell means per subject, NaN where a subject has none
+    counts: Array  # (N, J) Trials
     covariates: Covariates | None = None
 
     @property
@@ -195,6 +196,7 @@ def from_trials(
         patterns=patterns_of(counts, cell_means, pattern.ravel()),
         scatter=trial_scatter(response, subject, cell, pooled=True),
         cell_means=cell_means,
+        counts=counts,
     )
 
 
