@@ -269,4 +269,4 @@ class Inferred:
         from percept.study.ladder import climb
 
         how = {"progress": self.progress, "store": self.store}
-        return climb(self.data, self.interval_rows, self.passed, **how)
+        return climb(self.interval_rows, self.passed, **how)

@@ -26,12 +26,13 @@ _TOLERANCE = 0.05
 _Intervals = dict[tuple[str, str, Kind], Array]
 
 
-def climb(data: Data, rows: Sequence[IntervalRow], fit: Fit, **how: Any) -> Ladder:
+def climb(rows: Sequence[IntervalRow], fit: Fit, **how: Any) -> Ladder:
     """Fit what lies between the classical method and a study's fit; `how`: progress and store.
 
     The steps lead from the classical interval (Eq. 15; normal family): "prior" takes each
     environment by itself, "pooling" all of them, and "scale" the lognormal family.
     """
+    data = fit.data
     classical: _Intervals = {}
     for row in rows:
         if (row.method, row.family, row.joint) == ("classical", "normal", "marginal"):

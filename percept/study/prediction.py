@@ -167,9 +167,6 @@ def _references(study: Study, asked: Mapping[str, float | None]) -> tuple[Array,
             message = f"the mass of the new environment is missing; tested ones have {masses} kg."
             raise UsageError(message, key="m", hint='Give it: at={"m": …}, or --at m=….')
         mass = float(given.pop("m", min(tested)))
-        if not 0.0 <= mass < math.inf:
-            message = "the mass of the new environment is 0 or more kg."
-            raise UsageError(message, key="m", value=mass)
     for name, value in given.items():
         if name not in parameters:
             known = {**IMPEDANCE, **quantities}.get(name)

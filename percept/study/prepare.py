@@ -59,7 +59,11 @@ def prepare(data: Data) -> Prepared:
     if data.sessions.form == "summary":
         # Limits hold no correlation.
         return _side_by_side([_of_limits(data, parameter) for parameter in data.parameters])
-    groups = _modelled_together(data.parameters, data.asked.together)
+    names = data.parameters
+    # One or two quantities share a model; of more, the two that are named.
+    together = names if len(names) < 3 else data.asked.together or ()
+    pair = tuple(name for name in names if name in together)
+    groups = dict.fromkeys(pair if name in pair and len(pair) == 2 else (name,) for name in names)
     skipped = []
     if len(groups) > 1:
         why = "two are modelled together at most; [inference] together names them"
@@ -76,15 +80,6 @@ def prepared_beside(data: Data) -> Prepared | Skipped:
         if data.asked.method != "both" or not known:
             raise
         return Skipped("Bayesian intervals", str(refused))
-
-
-def _modelled_together(
-    parameters: tuple[str, ...], named: tuple[str, ...] | None
-) -> list[tuple[str, ...]]:
-    """Group parameters by model: one or two share one; of more, the two that are named."""
-    pair = tuple(name for name in parameters if len(parameters) < 3 or name in (named or ()))
-    groups = [pair if name in pair and len(pair) == 2 else (name,) for name in parameters]
-    return list(dict.fromkeys(groups))
 
 
 def _of_trials(data: Data, parameters: tuple[str, ...]) -> Prepared:
