@@ -146,7 +146,7 @@ def lower_factor(matrices: Array, least: Array | None = None) -> Array:
 
 def solve_lower(factor: Array, right: Array) -> Array:
     """Solve L x = right for lower factors (K, K, ...) and vectors (K, ...)."""
-    x = _unsolved(factor, right)
+    x = np.empty(np.broadcast_shapes(right.shape, factor.shape[1:]))
     for i in range(len(factor)):
         remaining = right[i]
         if i > 0:
@@ -159,7 +159,7 @@ def solve_lower(factor: Array, right: Array) -> Array:
 
 def solve_upper(factor: Array, right: Array) -> Array:
     """Solve L'x = right."""
-    x = _unsolved(factor, right)
+    x = np.empty(np.broadcast_shapes(right.shape, factor.shape[1:]))
     last = len(factor) - 1
     for i in range(last, -1, -1):
         remaining = right[i]
@@ -170,13 +170,6 @@ def solve_upper(factor: Array, right: Array) -> Array:
             remaining = remaining - np.einsum("k...,k...->...", column, after)
         np.divide(remaining, factor[i, i], out=x[i])
     return x
-
-
-def _unsolved(factor: Array, right: Array) -> Array:
-    """Room for the solution, with the axes of right sides that share a factor."""
-    one_solution = factor.shape[1:]
-    shape = np.broadcast_shapes(right.shape, one_solution)
-    return np.empty(shape)
 
 
 def add_to_diagonal(matrices: Array, values: Array | float) -> Array:

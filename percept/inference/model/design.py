@@ -125,11 +125,8 @@ def shows_subject_trends(present: NDArray[np.bool_], x: Array) -> bool:
     -------
     bool
     """
-    for cells in present:
-        for decades in x:
-            if len(np.unique(decades[cells])) > 2:
-                return True
-    return False
+    pairs = itertools.product(present, x)
+    return any(len(np.unique(decades[cells])) > 2 for cells, decades in pairs)
 
 
 def contrast_columns(levels: int) -> Array:

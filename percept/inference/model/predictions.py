@@ -288,12 +288,15 @@ def draw_subject_effects(
         return None
     effects = np.empty((len(points), *model.statistics.cell_means.shape[:2]))
     own_cells = cells_of_subjects(model)
-    first = 0
-    for part in model.passes(points):
-        draws = slice(first, first + len(part))
-        first = draws.stop
+    passes = zip(
+        model.passes(points),
+        model.passes(locations),
+        model.passes(effects),
+        strict=True,
+    )
+    for part, of_cells, of_subjects in passes:
         laws = subject_laws(model, part)
-        beta = locations[draws].T.reshape(laws.mean.shape)  # (P, C, W)
+        beta = of_cells.T.reshape(laws.mean.shape)  # (P, C, W)
         for pattern, covariance in zip(model.statistics.patterns, laws.covariances, strict=True):
             present = pattern.environments
             cell_means = model.statistics.cell_means[pattern.members][:, :, present, None]
@@ -301,5 +304,5 @@ def draw_subject_effects(
             is_own = own_cells[pattern.members[0]]
             average_columns = laws.effects[:, :, is_own].mean(axis=2)  # (q, P, W)
             drawn = np.einsum("qnw,qpw->wnp", latents, average_columns)
-            effects[draws, pattern.members] = drawn
+            of_subjects[:, pattern.members] = drawn
     return effects

@@ -119,16 +119,8 @@ def correlation(u: Array, shape: float = 2.0) -> tuple[Array, Array]:
         sine = np.sin(half_angle)
         rest = 2.0 * sine * (sine + np.sqrt(3.0 * (1.0 - sine * sine)))
     else:
-        rest = 2.0 * _beta_quantile(shape, tail)
+        # Of tails far below 1e-100, where no draw comes, scipy may give NaN.
+        rest = 2.0 * special.betaincinv(shape, shape, tail)
     rest = np.minimum(rest, 1.0)
     # rho from its own distance to one: two forms would disagree by 1e-8 near the ends.
     return np.copysign(1.0 - rest, u), np.maximum(rest, _FLOOR)
-
-
-def _beta_quantile(shape: float, tail: Array) -> Array:
-    """Quantile of Beta(shape, shape) at a lower tail; of tails far below 1e-100 scipy gives NaN."""
-    quantile = np.asarray(special.betaincinv(shape, shape, tail))
-    log_first_term = (np.log(tail) + np.log(shape) + special.betaln(shape, shape)) / shape
-    first_term = np.exp(log_first_term)
-    series = first_term * (1.0 + (shape - 1.0) / (shape + 1.0) * first_term)
-    return np.where(np.isnan(quantile), series, quantile)
