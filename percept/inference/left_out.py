@@ -173,8 +173,7 @@ class SubjectDensity:
         scatter = self._scatter
         of_model = self.density.statistics.group
         trial = groups[of_model[self._subject, scatter.cell]]  # (T, W)
-        minus_twice = trial.distance(tuple(scatter.rows[..., None]))
-        minus_twice += scatter.df[:, None] * trial.log_determinant()
+        minus_twice = scatter.minus_twice_log_density(trial)
         constant = scatter.df * _LOG_2PI + np.log(scatter.df + 1.0)
         minus_twice += self.parameters * constant[:, None]
         return -0.5 * (minus_twice.T @ self._of_subject)

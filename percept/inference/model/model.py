@@ -240,11 +240,8 @@ class LinearModel(Model):
         value = self.statistics.constant + self._given_scales.log_density(observed)
         if observed.trial is None:
             return value
-        scatter = self.statistics.scatter
-        rows = tuple(scatter.rows[..., None])
-        squares = observed.trial.distance(rows).sum(axis=0)
-        determinants = scatter.df @ observed.trial.log_determinant()
-        return np.asarray(value - 0.5 * (squares + determinants))
+        of_groups = self.statistics.scatter.minus_twice_log_density(observed.trial)
+        return np.asarray(value - 0.5 * of_groups.sum(axis=0))
 
     def with_resolution(self, scales: CellScales) -> CellScales:
         """Scales of the adjustments as recorded: their resolution adds variance."""

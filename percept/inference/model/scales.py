@@ -213,11 +213,10 @@ class Coordinates:
         for term in self._design.effect_size:
             eta = self._by_quantity(f"eta:{term.name}", coordinates)
             named[f"eta:{term.name}"] = self._priors.psi_sd * eta
-        unmoved = np.zeros((self._design.parameters, 1, len(points)))
-        between = self._level_sds(self.between, coordinates, unmoved, named)
+        between = self._level_sds(self.between, coordinates, 0.0, named)
         log_prior += between.log_density
         if self.trial is not None:
-            shift = unmoved
+            shift: Array | float = 0.0
             if self._subject_spreads is not None:
                 of_subjects = self._by_quantity("phi", coordinates)
                 named["phi"], log_density = self._subject_spreads(of_subjects, named["omega_s"])
@@ -293,19 +292,18 @@ class Coordinates:
         self,
         level: CellSpreads,
         coordinates: Array,
-        shift: Array,
+        shift: Array | float,
         named: dict[str, Array],
     ) -> LogSpreads:
         """Name the SDs of one level, and return them.
 
-        The rough likelihood is moved by a shift (P, C or 1, W).
+        The rough likelihood is moved by a shift (P, C, W).
         """
         suffix = level.suffix
         width = coordinates.shape[1]
-        shape = (self._design.parameters, len(level.coefficients), width)
-        columns = np.empty(shape)
-        for k, name in enumerate(level.coefficients):
-            columns[:, k] = coordinates[self.slots[name]]
+        of_columns = [coordinates[self.slots[name]] for name in level.coefficients]
+        shape = (len(of_columns), self._design.parameters, width)
+        columns = np.reshape(of_columns, shape).swapaxes(0, 1)
         if level.departures:
             of_cells = self._by_quantity(f"sigma{suffix}", coordinates)
             omega = named.get(f"omega{suffix}")

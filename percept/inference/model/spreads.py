@@ -171,7 +171,7 @@ class CellSpreads:
         columns: Array,
         cells: Array,
         omega: Array,
-        shift: Array,
+        shift: Array | float,
     ) -> LogSpreads:
         """Map coordinates to the spreads of W draws.
 
@@ -183,8 +183,8 @@ class CellSpreads:
             Coordinates u of log sigma, (P, C, W).
         omega : ndarray
             SDs of log sigma about the columns, (P, W).
-        shift : ndarray
-            What is added to the means l of the rough likelihood, (P, C or 1, W).
+        shift : ndarray or float
+            What is added to the means l of the rough likelihood, (P, C, W).
         """
         rough_departure = self._rough_departure + shift
         each_cell = omega[:, None]

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from percept.inference.model.blocks import Block
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -56,9 +58,12 @@ class TrialScatter:
     subject: Indices | None  # (T,) Subject of each group; None where subjects are pooled
     df: Array  # (T,) Degrees of freedom
     rows: Array  # (P, P, T) Rows of responses, less what covariates explain, as [quantity, row]
-    squares: (
-        Array  # (P, T) Sums of squares of the responses, less what subjects' own slopes explain
-    )
+    squares: Array  # (P, T) Squares of the responses, less what subjects' own slopes explain
+
+    def minus_twice_log_density(self, trial: Block) -> Array:
+        """Squares and log determinants of each group, (T, W), given covariances between trials."""
+        every_draw = tuple(self.rows[..., None])
+        return trial.distance(every_draw) + self.df[:, None] * trial.log_determinant()
 
 
 @dataclasses.dataclass(frozen=True)
