@@ -104,10 +104,6 @@ class SubjectDensity:
         """Draws that leaving subjects out is to rest on: fewer of large studies."""
         return max(_MOST_NUMBERS // self._means.size, _FEWEST_DRAWS)
 
-    def log_density(self, points: Array) -> Array:
-        """Log density of each subject's trials given the others', at draws (S, d): (S, N)."""
-        return self.left_out(points).log_density
-
     def left_out(self, points: Array) -> LeftOut:
         """Predict each subject's data from draws of the scales, (W, d), and the others' data."""
         by_subject = (len(points), self.subjects)
@@ -155,15 +151,15 @@ class SubjectDensity:
             first = root[..., : self.environments]
             last = root[..., -self.environments :]
             predicted.covariance[:, members] = (first * last).sum(axis=1)[:, None]
-            noise = np.square(laws.noise[g].factor_columns()).sum(axis=0)
-            shared = np.square(laws.effects[:, :, present]).sum(axis=0)
+            noise = np.square(covariance.noise.factor_columns()).sum(axis=0)
+            shared = np.square(laws.scales.effects[:, :, present]).sum(axis=0)
             variance = (noise + shared).transpose(2, 0, 1) + given[..., present]
             difference = means[:, :, present] - location[..., present]
             standard = difference / np.sqrt(variance)[:, None]
             # numpy puts the axes of two lists of indices first.
             rows = members[:, None]
             predicted.standard[:, rows, :, present] = standard.transpose(1, 3, 0, 2)
-        trials = self._between_trials(laws.trial) - 0.5 * _LOG_2PI * self.degrees
+        trials = self._between_trials(laws.scales.trial) - 0.5 * _LOG_2PI * self.degrees
         predicted.log_density[...] += trials
 
     def _between_trials(self, groups: Block | None) -> Array | float:

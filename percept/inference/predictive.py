@@ -43,14 +43,14 @@ def new_studies(
         beta = laws.mean + np.einsum("rpcw,rw->pcw", laws.columns, normals)
         drawn = np.full((width, subjects.subjects, size, cells), np.nan)
         patterns = subjects.density.statistics.patterns
-        for pattern, noise in zip(patterns, laws.noise, strict=True):
+        for pattern, covariance in zip(patterns, laws.covariances, strict=True):
             present = pattern.environments
             shape = (pattern.subjects, present.size, width)
             values = np.tile(beta[:, None, present], (1, pattern.subjects, 1, 1))
-            for column in noise.factor_columns():
+            for column in covariance.noise.factor_columns():
                 scale = np.stack(column)[:, None]
                 values += scale * rng.standard_normal(shape)
-            for effect in laws.effects[:, :, present]:
+            for effect in laws.scales.effects[:, :, present]:
                 values += effect[:, None] * rng.standard_normal((pattern.subjects, 1, width))
             # numpy puts the axes of two lists of indices first.
             drawn[:, pattern.members[:, None], :, present] = values.transpose(1, 2, 3, 0)

@@ -144,7 +144,8 @@ def _groups(fit: Fit) -> dict[str, Named]:
     effects = draw_subject_effects(density, points, means, rng)
     if effects is not None:
         posterior["subject_effect"] = (("subject", "parameter"), effects)
-    groups["log_likelihood"] = {"left_out": (("subject",), subjects.log_density(points))}
+    left_out = subjects.left_out(points).log_density
+    groups["log_likelihood"] = {"left_out": (("subject",), left_out)}
     studies = list(new_studies(subjects, points, rng))
     predicted["response"] = _by_subject(np.concatenate(studies))
     # Data are one draw of themselves.

@@ -165,7 +165,7 @@ class SubjectCovariance:
         noise: Block,
         effects: Array,
     ) -> None:
-        self._noise = noise
+        self.noise = noise
         self._effects = effects
         by_quantity = np.moveaxis(effects, 1, 0)
         #: H, (q, P, E, W)
@@ -182,7 +182,7 @@ class SubjectCovariance:
         """Vectors (n, P E + q, W) whose products are r'V⁻¹r of rows r (n, P, E, W)."""
         whitened = self._whitened_products(rows)
         effects = solve_upper(self._factor, whitened)
-        of_cells = self._noise.whiten(self._unexplained(rows, effects))
+        of_cells = self.noise.whiten(self._unexplained(rows, effects))
         return np.concatenate([*of_cells, effects.swapaxes(0, 1)], axis=1)
 
     def scatter_distance(self, pattern: Pattern) -> Array:
@@ -196,11 +196,11 @@ class SubjectCovariance:
         by_cell = self._weighted_effects.reshape(effects, quantities * cells, width)
         products = rows.reshape(len(rows), quantities * cells) @ by_cell
         explained = solve_lower(self._factor, products)
-        whole = self._noise.distance(tuple(pattern.triangles[..., None])).sum(axis=0)
+        whole = self.noise.distance(tuple(pattern.triangles[..., None])).sum(axis=0)
         left = whole - np.einsum("qnw,qnw->w", explained, explained)
         is_lost = left < _LEAST_LEFT * whole
         if is_lost.any():
-            few = SubjectCovariance(self._noise[:, is_lost], self._effects[..., is_lost])
+            few = SubjectCovariance(self.noise[:, is_lost], self._effects[..., is_lost])
             by_row = few.whiten(rows[..., None])
             left[is_lost] = np.einsum("nkw,nkw->w", by_row, by_row)
         return np.asarray(left)

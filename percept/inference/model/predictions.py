@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from percept.errors import RefusalError
-from percept.inference.model.blocks import Block
 from percept.inference.model.design import Design, columns_by_quantity, new_cells
 from percept.inference.model.gaussian import (
     Joint,
@@ -27,6 +26,7 @@ from percept.inference.model.gaussian import (
 )
 from percept.inference.model.model import LinearModel, Model
 from percept.inference.model.priors import Named
+from percept.inference.model.scales import CellScales
 
 Array = NDArray[np.float64]
 
@@ -189,10 +189,8 @@ class SubjectLaws:
 
     mean: Array  # (P, C, W) Mean of the locations
     columns: Array  # (K, P, C, W) Columns whose products sum to the locations' covariance
-    effects: Array  # (q, P, C, W) What a unit of each of a subject's effects adds
-    noise: tuple[Block, ...]  # (E, W) By pattern: the rest of the variance of cell means
+    scales: CellScales  # What resolution adds included
     covariances: tuple[SubjectCovariance, ...]  # By pattern: of the cell means about the locations
-    trial: Block | None  # Covariance between trials, one for each group of trials
 
 
 def cells_of_subjects(model: LinearModel) -> NDArray[np.bool_]:
@@ -232,19 +230,16 @@ def subject_laws(model: LinearModel, points: Array) -> SubjectLaws:
     -------
     SubjectLaws
     """
-    scales = model.coordinates(points).cells
-    observed = model.with_resolution(scales)
+    scales = model.with_resolution(model.coordinates(points).cells)
     law = model.law(points)
-    noise = []
     covariances = []
     for pattern in model.statistics.patterns:
         cells = pattern.environments
-        of_means = observed.between[cells]
-        if observed.trial is not None:
+        of_means = scales.between[cells]
+        if scales.trial is not None:
             groups = model.statistics.group[pattern.members[0], cells]
-            trial = observed.trial[groups]
+            trial = scales.trial[groups]
             of_means = of_means + trial.scaled(1.0 / pattern.trials[:, None])
-        noise.append(of_means)
         covariances.append(SubjectCovariance(of_means, scales.effects[:, :, cells]))
     by_cell = (*model.design.cells.x.shape, len(points))  # (P, C, W)
     mean = law.mean[:, : len(model.cells)].T
@@ -252,10 +247,8 @@ def subject_laws(model: LinearModel, points: Array) -> SubjectLaws:
     return SubjectLaws(
         mean=mean.reshape(by_cell),
         columns=columns.reshape(-1, *by_cell),
-        effects=scales.effects,
-        noise=tuple(noise),
+        scales=scales,
         covariances=tuple(covariances),
-        trial=observed.trial,
     )
 
 
@@ -302,7 +295,7 @@ def draw_subject_effects(
             cell_means = model.statistics.cell_means[pattern.members][:, :, present, None]
             latents = covariance.draw_effects(cell_means - beta[:, present], rng)  # (q, n, W)
             is_own = own_cells[pattern.members[0]]
-            average_columns = laws.effects[:, :, is_own].mean(axis=2)  # (q, P, W)
+            average_columns = laws.scales.effects[:, :, is_own].mean(axis=2)  # (q, P, W)
             drawn = np.einsum("qnw,qpw->wnp", latents, average_columns)
             of_subjects[:, pattern.members] = drawn
     return effects
