@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -322,9 +322,13 @@ class Basis:
         return np.insert(self.matrix, before_each, 0.0, axis=1)
 
 
-def columns_by_quantity(terms: tuple[Term, ...], x: Array) -> Array:
-    """Columns (k P, P, C) of terms in cells of decades x, each for every quantity alone."""
+def columns_of(terms: Iterable[Term], x: Array) -> Array:
+    """Columns (k, P, C) of terms in cells of decades x."""
     no_columns = np.zeros((0, *x.shape))
-    columns = np.concatenate([no_columns, *(term.columns for term in terms)])
-    alone = columns[:, None] * np.eye(len(x))[..., None]
+    return np.concatenate([no_columns, *(term.columns for term in terms)])
+
+
+def columns_by_quantity(terms: Iterable[Term], x: Array) -> Array:
+    """Columns (k P, P, C) of terms in cells of decades x, each for every quantity alone."""
+    alone = columns_of(terms, x)[:, None] * np.eye(len(x))[..., None]
     return alone.reshape(-1, *x.shape)

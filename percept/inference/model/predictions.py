@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from percept.errors import RefusalError
-from percept.inference.model.design import Design, columns_by_quantity, new_cells
+from percept.inference.model.design import Design, columns_by_quantity, columns_of, new_cells
 from percept.inference.model.gaussian import (
     Joint,
     SubjectCovariance,
@@ -122,7 +122,7 @@ def _new_laws(
     location = on_line.location
     quantity = np.arange(quantities)
     location[..., quantity, quantity] += variance
-    columns = np.concatenate([term.columns for term in design.sd_between])
+    columns = columns_of(design.sd_between, design.cells.x)
     # The columns carry the prior SDs of their coefficients.
     about_mean = np.einsum("kpc,pkw->pcw", columns, scales.multiples)
     log_sigma = np.repeat(model.priors.log_s_mean + about_mean, repeats, axis=2)

@@ -53,7 +53,7 @@ from percept.inference.model.blocks import (
     solve_lower,
     solve_upper,
 )
-from percept.inference.model.design import LEVEL, TREND, Design
+from percept.inference.model.design import LEVEL, TREND, Design, columns_of
 from percept.inference.model.priors import Priors
 from percept.inference.model.statistics import Statistics
 
@@ -135,16 +135,16 @@ class CellSpreads:
         log_s_sd = getattr(priors, f"log_s{suffix}_sd")
         self.single_sd = None if terms else log_s_sd
         self.centre = getattr(priors, f"log_s{suffix}_mean")
-        columns = [term.columns for term in terms]
-        no_columns = np.zeros((0, *design.cells.x.shape))
+        x = design.cells.x
         if suffix:
-            rough_mean, self.weight = _rough_of_trials(statistics)
+            df = statistics.trial_df
+            variance = statistics.trial_squares / np.maximum(df, 1.0)
+            rough_mean, self.weight = _rough(variance, 0.0, df)
         else:
-            of_subjects = [term.columns for term in design.subject if term.name in names]
-            subject_columns = np.concatenate([no_columns, *of_subjects])
+            of_subjects = [term for term in design.subject if term.name in names]
+            subject_columns = columns_of(of_subjects, x)
             rough_mean, self.weight = _rough_between(statistics, subject_columns)
-        every_column = np.concatenate([no_columns, *columns])
-        loadings = np.moveaxis(every_column, 1, 0)  # (P, K, C) U'
+        loadings = columns_of(terms, x).swapaxes(0, 1)  # (P, K, C) U'
         quantities, count, cells = loadings.shape
         # Turn the columns: U' = rotation diag(sizes) directions. All formulas hold for the turned
         # columns, which are orthogonal, and the turned coefficients rotation'h. Padded, so that
@@ -268,12 +268,6 @@ def _rough(
     return log_sd, 2.0 * df * share * share
 
 
-def _rough_of_trials(statistics: Statistics) -> tuple[Array, Array]:
-    """Rough likelihood of the log SDs between trials: their scatter has no noise."""
-    df = statistics.trial_df
-    return _rough(statistics.trial_squares / np.maximum(df, 1.0), 0.0, df)
-
-
 def _rough_between(statistics: Statistics, subject_columns: Array) -> tuple[Array, Array]:
     """Rough likelihood of the log SDs between subjects.
 
@@ -300,10 +294,8 @@ def _within_subjects(statistics: Statistics, subject_columns: Array) -> tuple[Ar
     about_cells = cell_means - np.nanmean(cell_means, axis=0)
     squares = np.zeros(cell_means.shape[1:])
     df = np.zeros_like(squares)
-    subjects = np.zeros(len(squares.T))
     for pattern in statistics.patterns:
         cells = pattern.environments
-        subjects[cells] += pattern.subjects
         of_members = about_cells[pattern.members][:, :, cells]
         for p, values in enumerate(of_members.swapaxes(0, 1)):
             columns = subject_columns[:, p, cells]
@@ -311,7 +303,7 @@ def _within_subjects(statistics: Statistics, subject_columns: Array) -> tuple[Ar
             residuals = values - values @ fitted
             squares[p, cells] += np.square(residuals).sum(axis=0)
             df[p, cells] += pattern.subjects * (1.0 - np.diag(fitted))
-    df *= 1.0 - 1.0 / subjects
+    df *= 1.0 - 1.0 / (statistics.df + 1.0)
     # A subject with as many columns as cells has no scatter left, but for rounding.
     df[df < _LEAST_DF] = 0.0
     zeros = np.zeros_like(df)
@@ -327,9 +319,7 @@ def _noise_of_trials(statistics: Statistics) -> Array:
     pooled = all_squares / max(df.sum(), 1.0)
     by_cell = squares / np.maximum(df, 1.0)
     variance = np.where(df > 0, by_cell, pooled)
-    subjects = np.zeros(df.size)
     inverse_trials = np.zeros(df.size)
     for pattern in statistics.patterns:
-        subjects[pattern.environments] += pattern.subjects
         inverse_trials[pattern.environments] += pattern.subjects / pattern.trials
-    return variance * inverse_trials / subjects
+    return variance * inverse_trials / (statistics.df + 1.0)
