@@ -74,8 +74,8 @@ def plot_intervals(
     quantity = data.quantities[parameter]
     biases = []
     for kind, method in product(kinds, METHODS):
-        rows = matching(unwidened(intervals), parameter=parameter, kind=kind)
-        biases += biases_among(rows, {parameter: quantity}, [method], families_from(family))
+        rows = matching(unwidened(intervals), parameter=parameter, kind=kind, method=method)
+        biases += biases_among(rows, {parameter: quantity}, families_from(family))
     if not biases:
         raise _nothing("interval that has a reference")
     return _plotted(ax, quantity.head, draw_intervals, biases, data.cells, quantity, data.words)

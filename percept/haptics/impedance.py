@@ -17,7 +17,7 @@ from percept.haptics.arrays import (
     times,
 )
 from percept.haptics.loop import Loop, VelocityFilter, Warp
-from percept.haptics.records import Coupling, Device, Environment, TabulatedDevice
+from percept.haptics.records import Coupling, Environment, TabulatedDevice
 
 __all__ = [
     "DISCRETIZATIONS",
@@ -31,9 +31,10 @@ __all__ = [
     "environment_impedance",
     "filter_response",
     "hold",
+    "over_sum",
     "rotated_device",
     "series",
-    "tustin_damping",
+    "spring_damping",
 ]
 
 DISCRETIZATIONS = ("tustin", "backward")
@@ -70,78 +71,45 @@ def series(grid: Warp, first: Element, second: Element) -> Element:
     weights is drawn together to k₁k₂(k₁ + k₂): left in them, it would be a difference of large
     numbers near a resonance, k₁ = −k₂.
     """
-    r1, x1 = _scaled_parts(grid, first)
-    r2, x2 = _scaled_parts(grid, second)
-    total = np.hypot(r1 + r2, x1 + x2)
-
-    def over_total(part: FloatArray) -> FloatArray:
-        return ratio(part, total, empty=0.0)
-
-    weight1 = over_total(np.hypot(r2, x2)) ** 2
-    weight2 = over_total(np.hypot(r1, x1)) ** 2
-    damping = times(weight1, first.damping) + times(weight2, second.damping)
-    at_dc = grid.sin == 0
+    z1 = _scaled(grid, first)
+    z2 = _scaled(grid, second)
+    vanishing = (grid.sin * grid.cos == 0) & (z1 + z2 == 0)
+    if vanishing.any():
+        # At an end where neither a spring nor a mass leads, dampers do. Without dampers springs do.
+        undamped = np.add(first.damping, second.damping) == 0
+        z1 = np.where(vanishing, np.where(undamped, first.stiffness, first.damping), z1)
+        z2 = np.where(vanishing, np.where(undamped, second.stiffness, second.damping), z2)
+    u1, u2 = over_sum(z1, z2)
+    damping = np.abs(u2) ** 2 * first.damping + np.abs(u1) ** 2 * second.damping
     at_nyquist = grid.cos == 0
     # The rate at Nyquist is not used there; 0 keeps it finite.
-    rate = np.where(at_nyquist, 0.0, grid.rate)
-    inertia = np.multiply(first.mass, rate**2)
+    inertia = np.multiply(first.mass, np.where(at_nyquist, 0.0, grid.rate) ** 2)
     with np.errstate(invalid="ignore"):
         k1 = first.stiffness - inertia
         k2 = second.stiffness
-        by_dampers = times(over_total(r2) ** 2, k1) + times(over_total(r1) ** 2, k2)
-        stiffness = by_dampers + times(over_total(x1) * over_total(x2), k1 + k2)
-    pole = (total == 0) & (x1 != 0)
-    finite = np.isfinite(stiffness) & ~pole
-    stiffness = np.where(finite, stiffness, np.inf)
-    if at_dc.any():
-        end = _series_at_dc(first, second)
-        stiffness = np.where(at_dc, end.stiffness, stiffness)
-        damping = np.where(at_dc, end.damping, damping)
-    if at_nyquist.any():
-        end = _series_at_nyquist(first, second)
-        stiffness = np.where(at_nyquist, end.stiffness, stiffness)
-        damping = np.where(at_nyquist, end.damping, damping)
-    return Element(stiffness, damping)
+        by_dampers = times(u2.real**2, k1) + times(u1.real**2, k2)
+        stiffness = by_dampers + times(u1.imag * u2.imag, k1 + k2)
+    pole = (z1 + z2 == 0) & (z1.imag != 0)
+    stiffness = np.where(np.isfinite(stiffness) & ~pole, stiffness, np.inf)
+    # A mass outgrows all at Nyquist, and next to it takes b₂²/m off the stiffness.
+    heavy = at_nyquist & (np.asarray(first.mass) > 0)
+    taken = ratio(np.square(second.damping), first.mass, empty=0.0)
+    return Element(np.where(heavy, second.stiffness - taken, stiffness), damping)
 
 
-def _scaled_parts(grid: Warp, element: Element) -> tuple[FloatArray, FloatArray]:
-    """Return the parts of Z·sin h·cos h, which is finite from DC to Nyquist."""
+def _scaled(grid: Warp, element: Element) -> ComplexArray:
+    """Return Z·sin h·cos h, which is finite from DC to Nyquist."""
+    damper = np.multiply(element.damping, grid.sin * grid.cos)
     inertia = np.multiply(element.mass, (2 / grid.period) * grid.sin**2)
     spring = np.multiply(element.stiffness, (grid.period / 2) * grid.cos**2)
-    return np.multiply(element.damping, grid.sin * grid.cos), inertia - spring
+    return np.asarray(damper + 1j * (inertia - spring))
 
 
-def _series_at_dc(first: Element, second: Element) -> Element:
-    """Return two elements in series at DC, where stiffness outgrows damping."""
-    by_stiffness = np.add(first.stiffness, second.stiffness) > 0
-    z1 = np.where(by_stiffness, first.stiffness, first.damping)
-    z2 = np.where(by_stiffness, second.stiffness, second.damping)
-    return _weighted(first, second, z1, z2)
-
-
-def _series_at_nyquist(first: Element, second: Element) -> Element:
-    """Return them at Nyquist, where damping outgrows stiffness, and a mass outgrows both."""
-    by_damping = np.add(first.damping, second.damping) > 0
-    z1 = np.where(by_damping, first.damping, first.stiffness)
-    z2 = np.where(by_damping, second.damping, second.stiffness)
-    heavy = np.asarray(first.mass) > 0
-    z1 = np.where(heavy, 1.0, z1)
-    z2 = np.where(heavy, 0.0, z2)
-    end = _weighted(first, second, z1, z2)
-    # Next to Nyquist a mass takes b₂²/m off the stiffness.
-    taken = ratio(np.square(second.damping), first.mass, empty=0.0)
-    stiffness = end.stiffness - np.where(heavy, taken, 0.0)
-    return Element(stiffness, end.damping)
-
-
-def _weighted(first: Element, second: Element, z1: FloatArray, z2: FloatArray) -> Element:
-    """Return a₂²Z₁ + a₁²Z₂ with aᵢ = zᵢ/(z₁ + z₂), zᵢ the leading parts of Zᵢ."""
-    weight1 = ratio(z2, z1 + z2, empty=0.0) ** 2
-    weight2 = ratio(z1, z1 + z2, empty=0.0) ** 2
-    return Element(
-        stiffness=weight1 * first.stiffness + weight2 * second.stiffness,
-        damping=weight1 * first.damping + weight2 * second.damping,
-    )
+def over_sum(first: ComplexArray, second: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return Z₁ and Z₂ over abs(Z₁ + Z₂), 0 where that is 0."""
+    total = np.abs(first + second)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(total > 0, first / total, 0.0), np.where(total > 0, second / total, 0.0)
 
 
 def device_impedance(loop: Loop, omega: ArrayLike) -> ComplexArray:
@@ -171,12 +139,11 @@ def device_impedance(loop: Loop, omega: ArrayLike) -> ComplexArray:
 def device_parts(grid: Warp) -> tuple[FloatArray, FloatArray]:
     """Return Re Z_d and Im Z_d, N·s/m."""
     device = grid.loop.device
+    damping, reactance = _measured_or_flexible(grid)
     if isinstance(device, TabulatedDevice):
-        value = device.at(grid.omega)
-        return value.real, value.imag
-    damping, flexible = _modes(grid, device)
+        return damping, reactance
     rigid = times(device.mass, grid.rate) + grid.spring(device.stiffness)
-    return np.add(device.damping, damping), rigid + flexible
+    return np.add(device.damping, damping), rigid + reactance
 
 
 def rotated_device(grid: Warp) -> tuple[FloatArray, FloatArray]:
@@ -184,8 +151,6 @@ def rotated_device(grid: Warp) -> tuple[FloatArray, FloatArray]:
     device = grid.loop.device
     real, imaginary = _device_behind_hold(grid)
     lag = grid.lag()
-    if lag is None:
-        return real, imaginary
     turned_real = times(lag.cos, real) - times(lag.sin, imaginary)
     turned_imaginary = times(lag.cos, imaginary) + times(lag.sin, real)
     if isinstance(device, TabulatedDevice):
@@ -198,27 +163,27 @@ def rotated_device(grid: Warp) -> tuple[FloatArray, FloatArray]:
 def _device_behind_hold(grid: Warp) -> tuple[FloatArray, FloatArray]:
     """Return the parts of Z_d·e^{jh}, N·s/m."""
     device = grid.loop.device
+    damping, reactance = _measured_or_flexible(grid)
+    real = damping * grid.cos - reactance * grid.sin
+    imaginary = reactance * grid.cos + damping * grid.sin
+    if isinstance(device, TabulatedDevice):
+        return real, imaginary
+    # Ω·cos h is formed as (2/T)·sin h, which stays finite at Nyquist.
+    rate_cos = (2 / grid.period) * grid.sin
+    rate_sin = ratio(rate_cos * grid.sin, grid.cos, empty=0.0)
+    rigid_real = device.damping * grid.cos - times(device.mass, rate_sin)
+    rigid_real = rigid_real + np.multiply(device.stiffness, (grid.period / 2) * grid.cos)
+    rigid_imag = device.damping * grid.sin + device.mass * rate_cos
+    rigid_imag = rigid_imag + grid.spring(device.stiffness) * grid.cos
+    return rigid_real + real, rigid_imag + imaginary
+
+
+def _measured_or_flexible(grid: Warp) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of a table's impedance, or of what flexible modes add, N·s/m."""
+    device = grid.loop.device
     if isinstance(device, TabulatedDevice):
         value = device.at(grid.omega)
-        rigid_real = rigid_imag = np.zeros_like(value.real)
-        damping = value.real
-        flexible = value.imag
-    else:
-        # Ω·cos h is formed as (2/T)·sin h, which stays finite at Nyquist.
-        rate_cos = (2 / grid.period) * grid.sin
-        rate_sin = ratio(rate_cos * grid.sin, grid.cos, empty=0.0)
-        rigid_real = device.damping * grid.cos - times(device.mass, rate_sin)
-        rigid_imag = device.damping * grid.sin + device.mass * rate_cos
-        rigid_real = rigid_real + np.multiply(device.stiffness, (grid.period / 2) * grid.cos)
-        rigid_imag = rigid_imag + grid.spring(device.stiffness) * grid.cos
-        damping, flexible = _modes(grid, device)
-    real = rigid_real + (damping * grid.cos - flexible * grid.sin)
-    imaginary = rigid_imag + (flexible * grid.cos + damping * grid.sin)
-    return real, imaginary
-
-
-def _modes(grid: Warp, device: Device) -> tuple[FloatArray, FloatArray]:
-    """Return the parts of what the flexible modes add, N·s/m."""
+        return value.real, value.imag
     damping = flexible = np.zeros_like(grid.omega)
     for mode in device.modes:
         mass = Element(0.0, 0.0, mode.mass)
@@ -251,26 +216,21 @@ def environment_impedance(loop: Loop, omega: ArrayLike, environment: Environment
 
 def environment_element(grid: Warp, environment: Environment) -> Element:
     """Return an environment that joins the device: a filter makes a part of its damper a spring."""
-    if grid.loop.velocity_filter is None:
-        return Element(environment.stiffness, environment.damping, environment.mass)
     undamped = Element(environment.stiffness, 0.0, environment.mass)
-    return _with_damper(grid, undamped, environment.damping, grid.loop.velocity_filter)
+    return _with_damper(grid, undamped, environment.damping)
 
 
 def coupling_element(grid: Warp, coupling: Coupling, discretization: str) -> Element:
     """Return a coupling at each ω in Tustin's form, its damper filtered likewise."""
-    damping = tustin_damping(coupling, grid.period, discretization)
-    if grid.loop.velocity_filter is None:
-        return Element(coupling.stiffness, damping)
-    spring = Coupling(coupling.stiffness, 0.0)
-    undamped = Element(spring.stiffness, tustin_damping(spring, grid.period, discretization))
-    return _with_damper(grid, undamped, coupling.damping, grid.loop.velocity_filter)
+    spring = Element(coupling.stiffness, spring_damping(coupling, grid.period, discretization))
+    return _with_damper(grid, spring, coupling.damping)
 
 
-def _with_damper(
-    grid: Warp, element: Element, damping: Scalars, velocity_filter: VelocityFilter
-) -> Element:
-    """Add a damper that acts on the filtered velocity."""
+def _with_damper(grid: Warp, element: Element, damping: Scalars) -> Element:
+    """Add a damper, which acts on the filtered velocity where there is a filter."""
+    velocity_filter = grid.loop.velocity_filter
+    if velocity_filter is None:
+        return element._replace(damping=np.add(element.damping, damping))
     response = filter_response(grid, velocity_filter)
     # At Nyquist Ω·Im F is the warped cutoff for the first order, and vanishes for the others.
     end = 0.0
@@ -370,12 +330,10 @@ def coupling_admittance(
     return complex_from(real, ratio(sin, size, empty=0.0))
 
 
-def tustin_damping(coupling: Coupling, period: float, discretization: str) -> FloatArray:
-    """Return the b_c of Tustin's form: k_c·(Tz)/(z−1) is k_c/s plus a damping of k_c·T/2."""
+def spring_damping(coupling: Coupling, period: float, discretization: str) -> FloatArray:
+    """Return the damping of a spring in Tustin's form: k_c·(Tz)/(z−1) is k_c/s and k_c·T/2."""
     one_of(discretization, "discretization", DISCRETIZATIONS)
-    if discretization == "tustin":
-        return np.asarray(coupling.damping)
-    return np.add(coupling.damping, np.multiply(coupling.stiffness, period / 2))
+    return np.multiply(coupling.stiffness, 0.0 if discretization == "tustin" else period / 2)
 
 
 def hold(loop: Loop, omega: ArrayLike) -> ComplexArray:
@@ -395,10 +353,6 @@ def hold(loop: Loop, omega: ArrayLike) -> ComplexArray:
         As `device_impedance`.
     """
     grid = loop.at(omega)
-    gain = grid.held().gain
-    real = gain * grid.cos
-    imaginary = -gain * grid.sin
     lag = grid.lag()
-    if lag is None:
-        return complex_from(real, imaginary)
-    return complex_from(real * lag.cos + imaginary * lag.sin, imaginary * lag.cos - real * lag.sin)
+    turned = (grid.cos - 1j * grid.sin) * (lag.cos - 1j * lag.sin)
+    return np.asarray(grid.held().gain * turned)[()]

@@ -241,11 +241,6 @@ class Warp:
         with np.errstate(divide="ignore"):
             return (self.period / 2) * self.cos / self.sin
 
-    @property
-    def one_minus_cos(self) -> FloatArray:
-        """1 − cos h, without the cancellation."""
-        return 2 * np.sin(self.half / 2) ** 2
-
     def spring(self, stiffness: ArrayLike) -> FloatArray:
         """Return Im(k/s) = −k/Ω."""
         return -times(stiffness, self.inverse_rate)
@@ -259,14 +254,11 @@ class Warp:
             gain = np.sinc(self.half / np.pi)
             return Held(gain, gain * self.rate, gain * self.inverse_rate)
 
-    def lag(self) -> Lag | None:
-        """Return by how much the loop is delayed; None without a delay."""
-        delay = self.loop.delay
-        if not delay:
-            return None
-        turn = (2 * delay) * self.half
+    def lag(self) -> Lag:
+        """Return by how much the loop is delayed."""
+        turn = (2 * self.loop.delay) * self.half
         sin = np.sin(turn)
-        return Lag(sin, np.cos(turn), ratio(sin, self.sin, empty=2 * delay))
+        return Lag(sin, np.cos(turn), ratio(sin, self.sin, empty=2 * self.loop.delay))
 
 
 def covers_range(loop: Loop) -> bool:

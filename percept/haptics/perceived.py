@@ -324,8 +324,6 @@ def _held_parts(grid: Warp, element: Element) -> tuple[FloatArray, FloatArray]:
     )
     imaginary = inertial_and_viscous - times(element.stiffness, held.per_rate * grid.cos)
     lag = grid.lag()
-    if lag is None:
-        return real, imaginary
     # The spring's own part of the imaginary one, times sin ψ, is finite at DC.
     elastic_lag = gain_cos * grid.cos * lag.sin_per_sin * (grid.period / 2)
     late_real = (

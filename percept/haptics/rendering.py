@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics.aliases import Aliases, alias_features, aliases
-from percept.haptics.arrays import FloatArray, IntArray, Scalars, ratio, stored
-from percept.haptics.impedance import filter_response
+from percept.haptics.arrays import ComplexArray, FloatArray, IntArray, Scalars, ratio, stored
+from percept.haptics.impedance import filter_response, over_sum
 from percept.haptics.loop import Loop, VelocityFilter, Warp, search_grid
 from percept.haptics.records import (
     Coupling,
@@ -77,6 +77,10 @@ class Force(NamedTuple):
     real: FloatArray
     slope: FloatArray
 
+    def at(self, grid: Warp) -> ComplexArray:
+        """Return H itself, N/m."""
+        return np.asarray(self.real + 1j * grid.sin * self.slope)
+
 
 def _element(
     grid: Warp, k: Scalars, b: Scalars, m: Scalars, velocity_filter: VelocityFilter | None
@@ -97,11 +101,9 @@ def _element(
 
 def _in_series(grid: Warp, first: Force, second: Force) -> Force:
     """Return H₁H₂/(H₁ + H₂) as a₂²·H₁ + a₁²·H₂, aᵢ = abs(Hᵢ)/abs(H₁ + H₂)."""
-    total = np.hypot(first.real + second.real, grid.sin * (first.slope + second.slope))
-    first_size = np.hypot(first.real, grid.sin * first.slope)
-    second_size = np.hypot(second.real, grid.sin * second.slope)
-    first_weight = ratio(second_size, total, empty=0.0) ** 2
-    second_weight = ratio(first_size, total, empty=0.0) ** 2
+    first_share, second_share = over_sum(first.at(grid), second.at(grid))
+    first_weight = np.abs(second_share) ** 2
+    second_weight = np.abs(first_share) ** 2
     return Force(
         real=first_weight * first.real + second_weight * second.real,
         slope=first_weight * first.slope + second_weight * second.slope,
@@ -337,8 +339,7 @@ def _has_pole_outside(loop: Loop, omega: FloatArray, joined: Joined) -> FloatArr
     unfiltered = replace(loop, velocity_filter=None)
     for its_loop, behind, at_device in ((unfiltered, environment, None), (loop, None, coupling)):
         grid = its_loop.at(omega[:, None])
-        force = force_of(grid, behind, at_device)
-        total += force.real + 1j * grid.sin * force.slope
+        total += force_of(grid, behind, at_device).at(grid)
     steps = np.angle(total[1:] * np.conj(total[:-1]))
     return np.asarray(steps.sum(axis=0) < -_TURNED)
 

@@ -29,7 +29,7 @@ from percept.haptics.impedance import (
     DISCRETIZATIONS,
     coupling_element,
     device_parts,
-    tustin_damping,
+    spring_damping,
 )
 from percept.haptics.loop import Loop, Warp, covers_range, search_grid
 from percept.haptics.records import (
@@ -119,15 +119,10 @@ def demands(grid: Warp) -> Demands:
     """Return what Eq. 10 asks for at each ω, of ω's shape."""
     gain = grid.held().gain
     delay = grid.loop.delay
-    if delay:
-        # 1 − cos((1 + 2d)h) is 2 sin²((½ + d)h); its ratio to sin² h is finite at DC.
-        sine = np.sin((0.5 + delay) * grid.half)
-        per_sine = ratio(sine, grid.sin, empty=0.5 + delay)
-        return Demands(viscous=gain * sine**2, elastic=gain * (per_sine * grid.cos / 2) ** 2)
-    return Demands(
-        viscous=gain * grid.one_minus_cos / 2,
-        elastic=gain * grid.cos**2 / (8 * (1 + grid.cos)),
-    )
+    # 1 − cos((1 + 2d)h) is 2 sin²((½ + d)h); its ratio to sin² h is finite at DC.
+    sine = np.sin((0.5 + delay) * grid.half)
+    per_sine = ratio(sine, grid.sin, empty=0.5 + delay)
+    return Demands(viscous=gain * sine**2, elastic=gain * (per_sine * grid.cos / 2) ** 2)
 
 
 def required_damping(
@@ -158,7 +153,7 @@ def required_damping(
     if loop.delay or loop.velocity_filter is not None:
         return _searched_damping(loop, coupling, discretization)
     period = loop.period
-    beta = np.asarray(tustin_damping(coupling, period, discretization))
+    beta = np.add(coupling.damping, spring_damping(coupling, period, discretization))
     stretch = np.multiply(coupling.stiffness, period)
     kappa = ratio(stretch, 2 * beta, empty=0.0)
     at_dc = np.where(kappa == 0, 0.0, stretch * (kappa / 8))

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from itertools import product
-from operator import attrgetter
-from typing import Any
 
 from percept.errors import capitalised
 from percept.inference.record import percent
@@ -20,20 +17,20 @@ from percept.report.basics import (
     Estimated,
     Section,
     Table,
+    best,
     bracketed,
     column,
     distinct,
     estimate,
     families_from,
     family_of,
-    first,
     gives_means,
+    grouped,
     limits,
     listed,
     matching,
     of,
     possessive,
-    present,
     side_by_side,
     table_of,
     unwidened,
@@ -90,10 +87,7 @@ def _intervals(results: Results) -> Section:
         f" share of all {words.users}. One does not stand in for another."
     )
     rows = unwidened(results.intervals)
-    tables = [
-        _interval_table(results, matching(rows, parameter=name))
-        for name in distinct(rows, "parameter")
-    ]
+    tables = [_interval_table(results, chosen) for chosen in grouped(rows, "parameter").values()]
     return Section("intervals", "Intervals", [said], tables, ["overview"])
 
 
@@ -102,10 +96,9 @@ def _interval_table(results: Results, rows: Sequence[IntervalRow]) -> Table:
     families = families_from(family_of(results))
     quantity = results.data.quantities[rows[0].parameter]
     names = distinct(rows, "environment")
-    shown = []
-    for kind, method, name in product(KINDS, METHODS, names):
-        row = first(rows, environment=[name], kind=[kind], method=[method], family=families)
-        shown += [row] if row else []
+    cells = grouped(rows, "environment", "kind", "method").values()
+    shown = [best(of_cell, families) for of_cell in cells]
+    shown.sort(key=lambda row: (KINDS.index(row.kind), METHODS.index(row.method)))
     columns: Columns = {capitalised(results.data.words.environment): str}
     if quantity.is_matched:
         columns["Reference"] = column(shown, "environment", of("reference", style="short"))
@@ -125,12 +118,12 @@ def _interval_table(results: Results, rows: Sequence[IntervalRow]) -> Table:
 def _psychophysics(results: Results) -> Section:
     """Return one table of all measures, over all environments, by environment and by subject."""
     words = results.data.words
-    rows = []
-    for measure in _MEASURES:
-        of_measure = matching(results.psychophysics, measure=measure)
-        # By environment, SDs between trials are the JNDs.
-        is_new = measure != "sigma_e"
-        rows += [row for row in of_measure if is_new or row.environment is None]
+    measures = list(_MEASURES)
+    # By environment, SDs between trials are the JNDs.
+    rows = [
+        row for row in results.psychophysics if row.measure != "sigma_e" or row.environment is None
+    ]
+    rows.sort(key=lambda row: measures.index(row.measure))
     if not rows:
         return Section("psychophysics")
 
@@ -144,7 +137,6 @@ def _psychophysics(results: Results) -> Section:
         "Of": lambda cell: cell[1] or cell[2] or "all",
     }
     columns |= side_by_side(rows, fields, ("parameter", "method"), _measured)
-    cells = dict.fromkeys(attrgetter(*fields)(row) for row in rows)
     logarithms = " of logarithms" if rows[0].family == "lognormal" else ""
     said = (
         f"The PSE is the average {words.user}’s setting above. σ u, σ w and σ e are"
@@ -154,7 +146,7 @@ def _psychophysics(results: Results) -> Section:
     if rows[0].measure == "jnd":
         said += f" The JND is the SD of a {words.subject}’s adjustments."
     caption = f"Measures with {percent(rows[0].level)} limits."
-    table = table_of(caption, cells, columns, name="psychophysics", csv="psychophysics")
+    table = table_of(caption, grouped(rows, *fields), columns, name="psychophysics")
     return Section("psychophysics", "Thresholds, spreads and reliability", [said], [table])
 
 
@@ -187,7 +179,7 @@ def _jnd(results: Results) -> Section:
         "p, within": of("p_within", 2),
         "p, beyond": of("p_beyond", 2),
     }
-    table = table_of(caption, rows, columns, name="equivalence", csv="equivalence")
+    table = table_of(caption, rows, columns, name="equivalence")
     return Section("equivalence", "Within one JND?", [sentence], [table])
 
 
@@ -195,21 +187,24 @@ def contrast_rows(results: Results) -> list[ContrastRow]:
     """Return the contrasts in the data's unit: parts of unequal references become per cents."""
     rows = []
     for row in results.contrast:
-        # Pure numbers have no word for their unit.
-        unit = row.unit.removesuffix("units")
-        scale = 1.0
-        if unit == "references":
-            cells = matching(results.intervals, parameter=row.parameter)
-            sizes = {one.reference for one in cells if one.environment.startswith(row.references)}
-            size = sizes.pop() if len(sizes) == 1 else None
-            unit = results.data.quantities[row.parameter].unit if size else "% of the reference"
-            scale = size or 100.0
-        scaled: dict[str, Any] = {}
-        for name in _LIMITS:
-            number = getattr(row, name)
-            scaled[name] = None if number is None else scale * number
+        scale, unit = unit_of(row, results)
+        known = {name: getattr(row, name) for name in _LIMITS if getattr(row, name) is not None}
+        scaled = {name: scale * number for name, number in known.items()}
         rows.append(dataclasses.replace(row, unit=unit, **scaled))
     return rows
+
+
+def unit_of(row: ContrastRow, results: Results) -> tuple[float, str]:
+    """Return the unit in which a contrast is told, and how many of it its own unit is."""
+    if row.unit != "references":
+        # Pure numbers have no word for their unit.
+        return 1.0, row.unit.removesuffix("units")
+    cells = matching(results.intervals, parameter=row.parameter)
+    sizes = {one.reference for one in cells if one.environment.startswith(row.references)}
+    size = sizes.pop() if len(sizes) == 1 else None
+    if size is None:
+        return 100.0, "% of the reference"
+    return size, results.data.quantities[row.parameter].unit
 
 
 def is_ratio(row: ContrastRow) -> bool:
@@ -219,8 +214,7 @@ def is_ratio(row: ContrastRow) -> bool:
 
 def level_figures(results: Results) -> dict[str, tuple[str, str]]:
     """Name a figure for each quantity and factor whose levels have means."""
-    means = matching(results.contrast, of="level", kind="mean")
-    pairs = dict.fromkeys((row.parameter, row.factor) for row in means)
+    pairs = grouped(matching(results.contrast, of="level", kind="mean"), "parameter", "factor")
     return {f"levels_{pair[0]}_{number}": pair for number, pair in enumerate(pairs, start=1)}
 
 
@@ -276,11 +270,6 @@ def _contrasts(rows: Sequence[ContrastRow], results: Results) -> Table:
         outer = _together(row)
         return NOTHING if outer is row else limits(outer, least=_LEAST_DIGITS)
 
-    pairs = list(dict.fromkeys((row.factor, row.first, row.second) for row in rows))
-
-    def place(row: ContrastRow) -> tuple[int, int]:
-        return list(_PARTS).index(row.of), pairs.index((row.factor, row.first, row.second))
-
     is_log = rows[0].family == "lognormal"
     columns: Columns = {
         "Contrast": levels,
@@ -295,13 +284,17 @@ def _contrasts(rows: Sequence[ContrastRow], results: Results) -> Table:
         "d_z": of("d_z", 2),
         words.subjects: of("n", style="count"),
     }
-    shown = [row for row in rows if row.kind in ("mean", None)] or list(rows)
+    shown = [row for row in rows if row.kind in ("mean", None)] or rows
+    ordered: list[ContrastRow] = []
+    for part in _PARTS:
+        for of_pair in grouped(matching(shown, of=part), "factor", "first", "second").values():
+            ordered += of_pair
     caption = (
         f"Contrasts of levels for the average {words.user}: A against B is A"
         f" {'over' if is_log else 'less'} B; spreads are ratios of SDs"
         f" ({percent(rows[0].level)} limits). Overall, all references weigh the same."
     )
-    return table_of(caption, sorted(shown, key=place), columns, name="contrast", csv="contrast")
+    return table_of(caption, ordered, columns, name="contrast")
 
 
 def _together(row: ContrastRow) -> ContrastRow:
@@ -329,7 +322,7 @@ def _anova(results: Results) -> Table:
         f"Analysis of variance of the {possessive(results.data.words.subjects)} means; degrees of"
         " freedom by Greenhouse and Geisser’s ε."
     )
-    return table_of(caption, results.anova, columns, name="anova", csv="anova")
+    return table_of(caption, results.anova, columns, name="anova")
 
 
 def contrast_sentences(results: Results) -> list[str]:
@@ -346,9 +339,8 @@ def contrast_sentences(results: Results) -> list[str]:
     means = matching(contrast_rows(results), kind="mean")
     rows = [row for row in means if row.of != "level"]
     clearest = []
-    for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in rows):
-        chosen = matching(rows, factor=factor, parameter=parameter)
-        chosen = matching(chosen, method=present(METHODS[::-1], chosen, "method")[0])
+    for of_factor in grouped(rows, "factor", "parameter").values():
+        chosen = matching(of_factor, method="bayesian") or of_factor
         clearest.append(max(matching(chosen, environment=None) or chosen, key=clarity))
     clearest.sort(key=lambda row: row.of != "interaction")
     return [_difference(row, results) for row in clearest]

@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from itertools import product
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
@@ -62,7 +61,16 @@ def families_from(family: str) -> tuple[str, ...]:
 
 def distinct(records: Iterable[Any], name: str) -> list[Any]:
     """Return the different values of a field, in order of first appearance."""
-    return list(dict.fromkeys(getattr(record, name) for record in records))
+    return list(grouped(records, name))
+
+
+def grouped(records: Iterable[R], *names: str) -> dict[Any, list[R]]:
+    """Return records by the value of a field, or by those of several, as they first appear."""
+    key_of = attrgetter(*names)
+    groups: dict[Any, list[R]] = {}
+    for record in records:
+        groups.setdefault(key_of(record), []).append(record)
+    return groups
 
 
 def matching(records: Iterable[R], **wanted: object) -> list[R]:
@@ -85,12 +93,13 @@ def present(names: Iterable[str], records: Iterable[Any], field: str) -> list[st
     return [name for name in names if name in found]
 
 
-def first(records: Sequence[R], **preferred: Sequence[object]) -> R | None:
-    """Return the record with the most preferred values; earlier fields weigh more."""
-    for values in product(*preferred.values()):
-        for record in matching(records, **dict(zip(preferred, values, strict=True))):
-            return record
-    return None
+def best(records: Sequence[R], families: Sequence[str]) -> R:
+    """Return the record of the Bayesian method, if there is one, in the family preferred."""
+
+    def rank(record: Any) -> tuple[bool, int]:
+        return record.method != "bayesian", families.index(record.family)
+
+    return min(records, key=rank)
 
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -124,15 +133,6 @@ def short(value: float, digits: int = 3) -> str:
     if "." in mantissa:
         mantissa = mantissa.rstrip("0").removesuffix(".")
     return mantissa + times + power
-
-
-def apart(first: float, second: float) -> tuple[str, str]:
-    """Write two numbers with as many digits as it takes to tell them apart."""
-    for digits in range(3, 16):
-        texts = short(first, digits), short(second, digits)
-        if texts[0] != texts[1]:
-            break
-    return texts
 
 
 def is_known(lower: float, upper: float) -> bool:
@@ -274,7 +274,7 @@ class Table(NamedTuple):
     heads: Sequence[str] = ()
     rows: Sequence[Sequence[Cell]] = ()
     name: str = ""  # Of its LaTeX and Word; empty for a table that has none
-    csv: str = ""  # Name of the file with every digit, and with what the table leaves out
+    csv: str = ""  # File with every digit and what the table leaves out, where not called `name`
 
 
 class Plot(NamedTuple):
@@ -327,9 +327,9 @@ def of(path: str, digits: int = 5, style: str = "plain") -> Callable[[Any], Cell
     return cell
 
 
-def plus_minus(path: str, error: str, digits: int = 3, style: str = "percent") -> Any:
+def plus_minus(path: str, error: str, style: str = "percent") -> Any:
     """Return what makes the cell of a number and its Monte Carlo error, if it has one."""
-    number = of(path, digits, style)
+    number = of(path, 3, style)
     its_error = of(error, 2, style)
 
     def cell(record: object) -> Cell | str:
@@ -382,9 +382,9 @@ def side_by_side(
     cell: Callable[[Any], Cell | str],
 ) -> Columns:
     """Return a column for each combination of some fields; rows are the values of others."""
-    columns: Columns = {}
-    for combination in dict.fromkeys(tuple(getattr(r, name) for name in across) for r in records):
-        chosen = matching(records, **dict(zip(across, combination, strict=True)))
-        head = ", ".join(METHOD_NAMES.get(text, text) for text in combination)
-        columns[head] = column(chosen, down, cell)
-    return columns
+    groups: dict[str, list[Any]] = {}
+    for record in records:
+        texts = [getattr(record, name) for name in across]
+        head = ", ".join(METHOD_NAMES.get(text, text) for text in texts)
+        groups.setdefault(head, []).append(record)
+    return {head: column(group, down, cell) for head, group in groups.items()}

@@ -10,13 +10,13 @@ from percept.inference.record import percent
 from percept.report.basics import (
     KINDS,
     METHOD_NAMES,
-    METHODS,
     MOST_NAMED,
     Estimated,
+    best,
     distinct,
     families_from,
     family_of,
-    first,
+    grouped,
     listed,
     matching,
     present,
@@ -60,61 +60,47 @@ class Bias(Estimated):
         return f"{self.environment} ({self.text(self.estimate)}, {self.limits})"
 
 
-def biases_of(
-    results: Results, kind: str = "", *, method: str = "", family: str = ""
-) -> list[Bias]:
-    """Return a bias for each environment and quantity, by default of the average user.
+def biases_of(results: Results, **wanted: str) -> list[Bias]:
+    """Return a bias for each environment and quantity, of rows whose fields have these values.
 
-    Each is by the better method and in the preferred family that it has.
+    It is of the average user if no other kind is wanted, and by the better method.
     """
-    rows = unwidened(results.intervals)
-    kind = kind or next(iter(present(KINDS, rows, "kind")), "")
-    methods = [method] if method else METHODS[::-1]
-    families = families_from(family or family_of(results))
-    of_kind = matching(rows, kind=kind)
-    return biases_among(of_kind, results.data.quantities, methods, families)
+    rows = matching(unwidened(results.intervals), **wanted)
+    kind = next(iter(present(KINDS, rows, "kind")), "")
+    families = families_from(family_of(results))
+    return biases_among(matching(rows, kind=kind), results.data.quantities, families)
 
 
 def biases_among(
     rows: Sequence[IntervalRow],
     quantities: Mapping[str, Quantity],
-    methods: Sequence[str],
     families: Sequence[str],
 ) -> list[Bias]:
-    """Return a bias for each environment and quantity that has one, in the first family."""
+    """Return a bias for each environment and quantity that has one, by the better method."""
     biases = []
     absolute = without_ratios(rows)
-    by_cell: dict[tuple[str, str], list[IntervalRow]] = {}
-    for one in rows:
-        by_cell.setdefault((one.environment, one.parameter), []).append(one)
-    for name in distinct(rows, "environment"):
-        for parameter, quantity in quantities.items():
-            of_cell = by_cell.get((name, parameter), [])
-            row = first(of_cell, method=methods, family=families)
-            if row is not None and row.reference is not None:
-                style = "bias"
-                if parameter in absolute:
-                    style = "difference" if quantity.is_matched else "plain"
-                biases.append(_bias(row, row.reference, style))
+    for of_cell in grouped(rows, "environment", "parameter").values():
+        row = best(of_cell, families)
+        reference = row.reference
+        if reference is None:
+            continue
+        size = reference
+        style = "bias"
+        if row.parameter in absolute:
+            size = 1.0
+            style = "difference" if quantities[row.parameter].is_matched else "plain"
+        bias = Bias(
+            (row.estimate - reference) / size,
+            (row.lower - reference) / size,
+            (row.upper - reference) / size,
+            unit="" if style == "bias" else row.unit,
+            style=style,
+            row=row,
+            environment=row.environment,
+            parameter=row.parameter,
+        )
+        biases.append(bias)
     return biases
-
-
-def _bias(row: IntervalRow, reference: float, style: str) -> Bias:
-    relative = style == "bias"
-
-    def off(number: float) -> float:
-        return number / reference - 1.0 if relative else number - reference
-
-    return Bias(
-        off(row.estimate),
-        off(row.lower),
-        off(row.upper),
-        unit="" if relative else row.unit,
-        style=style,
-        row=row,
-        environment=row.environment,
-        parameter=row.parameter,
-    )
 
 
 def foremost(results: Results) -> list[str]:
@@ -207,7 +193,7 @@ def _disagreements(biases: Sequence[Bias], classical: Sequence[Bias]) -> list[st
 def user_sentences(results: Results) -> list[str]:
     """Say where the next user's settings lie: the narrowest range and the widest."""
     sentences = []
-    every = biases_of(results, "user")
+    every = biases_of(results, kind="user")
     for parameter, quantity in results.data.quantities.items():
         biases = matching(every, parameter=parameter)
         what = f"the next {results.data.words.user}’s {quantity.label}"

@@ -39,7 +39,6 @@ from percept.results import (
     BandLaw,
     BandPair,
     Results,
-    plain,
     share_curves,
 )
 
@@ -128,7 +127,7 @@ def _pairs(results: Results, pairs: Sequence[BandPair]) -> Table:
     }
     whom = f"The next {words.user}’s"
     caption = f"{whom} Bayesian boundary against the classical one. Shift: of the middle."
-    return table_of(caption, pairs, columns, name="band_pairs", csv="band_pairs")
+    return table_of(caption, pairs, columns, name="band_pairs")
 
 
 def _differences(results: Results) -> str:
@@ -196,7 +195,7 @@ def _explorer(results: Results) -> Section:
     if not curves:
         return Section("explore")
     shared = share_curves(curves)
-    document = plain({"boundaries": curves, "impedances": shared})
+    document = {"boundaries": curves, "impedances": shared}
     text = json.dumps(document, ensure_ascii=False, separators=(",", ":"))
     # A script element ends at the first end tag in it, wherever that stands.
     data = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -18,6 +18,7 @@ from percept.report.basics import (
     column,
     distinct,
     estimate,
+    grouped,
     listed,
     matching,
     of,
@@ -136,8 +137,7 @@ def _people(results: Results) -> Section:
     words = results.data.words
     loo = results.checks.loo if results.checks else None
     columns: Columns = {capitalised(words.subject): str}
-    for parameter in distinct(rows, "parameter"):
-        chosen = matching(rows, parameter=parameter)
+    for parameter, chosen in grouped(rows, "parameter").items():
         relative = chosen[0].relative
         unit = "" if relative else bracketed(chosen[0].unit)
         cells = {
@@ -163,9 +163,8 @@ def _people(results: Results) -> Section:
     if len(names) > MOST_SHOWN:
         caption += f" The {MOST_SHOWN} farthest of {len(names)}; the CSV has all."
         by_distance = sorted(rows, key=lambda row: -abs(row.distance or 0.0))
-        farthest = distinct(by_distance, "subject")[:MOST_SHOWN]
-        names = [name for name in names if name in farthest]
-    table = table_of(caption, names, columns, name="subjects", csv="subjects")
+        names = distinct(by_distance, "subject")[:MOST_SHOWN]
+    table = table_of(caption, names, columns, name="subjects")
     tables = [table, _without(results, loo)] if loo else [table]
     return Section("people", f"The {words.subjects}, one by one", tables=tables)
 
@@ -200,9 +199,8 @@ def _without(results: Results, loo: LeftOut) -> Table:
 
     rows = [row for row in results.checks.without if row.environment in shown]
     columns: Columns = {capitalised(words.environment): str}
-    for name in distinct(rows, "parameter"):
+    for name, chosen in grouped(rows, "parameter").items():
         quantity = results.data.quantities[name]
-        chosen = matching(rows, parameter=name)
         columns[quantity.head + bracketed(quantity.unit)] = column(
             chosen, "environment", moved_most
         )
@@ -240,8 +238,7 @@ def data(results: Results) -> Section:
     }
     counts = [f"{labels.get(what, what)} {count}" for what, count in read.counts.items() if count]
     cells: Columns = {capitalised(words.environment): str}
-    for name in distinct(read.cells, "parameter"):
-        chosen = matching(read.cells, parameter=name)
+    for name, chosen in grouped(read.cells, "parameter").items():
         unit = bracketed(chosen[0].unit)
         cells[f"{name}, {words.subjects}"] = column(chosen, "environment", of("n", style="count"))
         cells[f"{name}, mean{unit}"] = column(chosen, "environment", of("mean"))

@@ -11,6 +11,7 @@ from percept.report.basics import (
     METHOD_NAMES,
     MOST_NAMED,
     distinct,
+    grouped,
     listed,
     matching,
     short,
@@ -298,9 +299,8 @@ def paper_rule(results: Results) -> list[str]:
     ways = []
     for field, how in (("verdict_uncoupled", "directly"), ("verdict_coupled", RENDERED[True])):
         groups = []
-        for inside in distinct(rows, field):
-            names = distinct(matching(rows, **{field: inside}), "environment")
-            groups.append(f"{inside} {_named(names, words)}")
+        for inside, chosen in grouped(rows, field).items():
+            groups.append(f"{inside} {_named(distinct(chosen, 'environment'), words)}")
         ways.append(f"{how}, {'; '.join(groups)}")
     by = f"{METHOD_NAMES[rows[0].method]}, {rows[0].family}"
     return [

@@ -17,6 +17,7 @@ from percept.report.basics import (
     Table,
     column,
     distinct,
+    grouped,
     matching,
     of,
     percentage,
@@ -75,8 +76,7 @@ def _rendering(results: Results) -> Section:
             said += f" 95 % of the devices of its posterior render up to {stiffest} N/m."
         sentences.append(said)
     columns: Columns = {capitalised(words.environment): lambda name: name or "a rigid wall"}
-    for coupled in distinct(rows, "coupled"):
-        chosen = matching(rows, coupled=coupled)
+    for coupled, chosen in grouped(rows, "coupled").items():
         way = ", coupled" if coupled else ""
         cells = {
             capitalised(RENDERED[coupled]): lambda row: _RENDERS[row.verdict],
@@ -97,7 +97,7 @@ def _rendering(results: Results) -> Section:
     if results.coupling:
         sentences.append(_eq10(results.coupling))
     names = distinct(rows, "environment")
-    table = table_of(caption, names, columns, name="rendering", csv="rendering")
+    table = table_of(caption, names, columns, name="rendering")
     title = "What can be rendered with every hand"
     return Section("rendering", title, sentences, [table], ["stability"])
 
@@ -180,7 +180,7 @@ def _by_parts(results: Results) -> Table:
     if needed:
         sure = f"with probability {needed[0].assurance:g}"
         caption += f" This many more {words.subjects} would decide, {sure}."
-    return table_of(caption, rows, columns, name="verdicts", csv="verdicts")
+    return table_of(caption, rows, columns, name="verdicts")
 
 
 def _more(row: Verdict) -> Cell:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
 
 from scipy import special
 
@@ -16,14 +15,15 @@ from percept.report.basics import (
     NOTHING,
     Cell,
     Columns,
+    Estimated,
     Section,
     Table,
-    apart,
     bracketed,
     column,
     distinct,
     estimate,
     family_of,
+    grouped,
     listed,
     matching,
     of,
@@ -44,7 +44,7 @@ from percept.report.decisions import (
 )
 from percept.report.display import centrals
 from percept.report.methods import who_gave_what
-from percept.results import MOST_SHOWN, Findings, IntervalRow, Results
+from percept.results import MOST_SHOWN, Findings, Results
 
 _MOST_SENTENCES = 3
 
@@ -110,9 +110,8 @@ def _environments(results: Results, names: Sequence[str]) -> Table:
     biases = biases_of(results)
     columns: Columns = {capitalised(words.environment): str}
     last: Columns = {}
-    for parameter in distinct(biases, "parameter"):
+    for parameter, chosen in grouped(biases, "parameter").items():
         quantity = results.data.quantities[parameter]
-        chosen = matching(biases, parameter=parameter)
         head = f"Mean {quantity.symbol}"
         if quantity.is_matched:
             head = f"Bias of {quantity.symbol}"
@@ -124,11 +123,12 @@ def _environments(results: Results, names: Sequence[str]) -> Table:
     for coupled in distinct(results.rendering or results.verdicts, "coupled"):
         columns[capitalised(RENDERED[coupled])] = displayed(results, coupled=coupled)
     row = biases[0].row
-    what = "Mean of all" if biases[0].style == "plain" else "Bias of the average"
-    who = words.users if biases[0].style == "plain" else words.user
+    what = f"Bias of the average {words.user}"
+    if biases[0].style == "plain":
+        what = f"Mean of all {words.users}"
     geometric = " (geometric mean)" if row.family == "lognormal" else ""
     caption = (
-        f"{what} {who}{geometric} with {percent(row.level)} limits ({METHOD_NAMES[row.method]},"
+        f"{what}{geometric} with {percent(row.level)} limits ({METHOD_NAMES[row.method]},"
         f" {row.family})."
     )
     if results.verdicts:
@@ -217,38 +217,26 @@ def _of_the_model(results: Results) -> Iterator[str]:
         yield gate.error_reached
 
 
-class _Mean(NamedTuple):
-    """The model's mean of a quantity in an environment against that of the data."""
-
-    row: IntervalRow
-    plain: IntervalRow  # The classical one
-    shift: float  # In half-widths of the classical interval
-    widening: float  # Width over that of the classical interval
-
-
-def _means(results: Results) -> Iterator[_Mean]:
-    """Compare means of the model and of the data on the family's scale."""
-    rows = matching(results.intervals, kind="mean", joint="marginal", family=family_of(results))
-    by_cell = {(row.parameter, row.environment): row for row in matching(rows, method="classical")}
-    for row in matching(rows, method="bayesian"):
-        plain = by_cell.get((row.parameter, row.environment))
-        if plain is not None and plain.upper > plain.lower:
-            scale = math.log if row.family == "lognormal" else float
-            width = scale(plain.upper) - scale(plain.lower)
-            shift = 2.0 * abs(scale(row.estimate) - scale(plain.estimate)) / width
-            yield _Mean(row, plain, shift, (scale(row.upper) - scale(row.lower)) / width)
-
-
 def overruled(results: Results) -> list[str]:
     """Say where the model's mean lies far from that of the data, by its own standard error."""
+    rows = matching(results.intervals, kind="mean", joint="marginal", family=family_of(results))
+    by_cell = {(row.parameter, row.environment): row for row in matching(rows, method="classical")}
     named = []
-    for mean in _means(results):
-        row, plain = mean.row, mean.plain
-        half_width = -special.stdtrit(plain.n - 1.0, 0.5 * (1.0 - plain.level))
-        if half_width * mean.shift > _OVERRULED:
+    for row in matching(rows, method="bayesian"):
+        plain = by_cell.get((row.parameter, row.environment))
+        if plain is None:
+            continue
+        scale = math.log if row.family == "lognormal" else float
+        width = scale(plain.upper) - scale(plain.lower)
+        shift = abs(scale(row.estimate) - scale(plain.estimate))
+        errors = -2.0 * special.stdtrit(plain.n - 1.0, 0.5 * (1.0 - plain.level))
+        if errors * shift > _OVERRULED * width > 0.0:
             label = results.data.quantities[row.parameter].label
-            values = " instead of ".join(apart(row.estimate, plain.estimate))
-            named.append(f"{label} of {row.environment} ({f'{values} {row.unit}'.rstrip()})")
+            shown = Estimated(plain.estimate, plain.lower, plain.upper, unit=row.unit)
+            own = shown.text(plain.estimate)
+            named.append(
+                f"{label} of {row.environment} ({shown.text(row.estimate)} instead of {own})"
+            )
     if not named:
         return []
     return [
@@ -260,13 +248,14 @@ def overruled(results: Results) -> list[str]:
 
 def _widened(results: Results) -> Iterator[str]:
     """Say where the prior of the spread makes an interval far wider than the data do."""
-    means = _means(results)
     # Of several environments each says what the spread of the others may be.
-    for mean in means if len(distinct(results.intervals, "environment")) == 1 else ():
-        if mean.widening > _WIDENED:
+    if len(distinct(results.intervals, "environment")) > 1:
+        return
+    for pair in matching(results.comparison or (), kind="mean", family=family_of(results)):
+        if pair.width_ratio is not None and pair.width_ratio > _WIDENED:
             yield (
-                f"The Bayesian interval of {results.data.quantities[mean.row.parameter].label} in"
-                f" {mean.row.environment} is {short(mean.widening, 2)} times as wide as the"
+                f"The Bayesian interval of {results.data.quantities[pair.parameter].label} in"
+                f" {pair.environment} is {short(pair.width_ratio, 2)} times as wide as the"
                 f" classical one: {results.data.words.subjects} lie closer together than the prior"
                 " expects. Use the classical interval, or lower log_s_mean in [model.priors]."
             )

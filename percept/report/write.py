@@ -125,8 +125,9 @@ def fill_report(
         (folder / "report.json").write_text(results.to_json(found), encoding="utf-8")
         (folder / "tables").mkdir()
         sections = build_sections(results, found)
-        _write_tables(folder, csv_tables(results))
-        _write_tables(folder, paste_tables(sections, simulated=results.data.simulated))
+        pasted = paste_tables(sections, simulated=results.data.simulated)
+        for name, text in (csv_tables(results) | pasted).items():
+            (folder / "tables" / name).write_text(text, encoding="utf-8")
         (folder / "references.bib").write_text(bibtex(results), encoding="utf-8")
         if posterior is not None:
             step("writing the posterior")
@@ -136,16 +137,10 @@ def fill_report(
         step("drawing figures")
         drawn = plots()
         step("writing the page")
-        files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
+        files = {path.name for path in folder.rglob("*")}
         today = datetime.date.today().isoformat()
         page = render_page(results, sections, drawn, date=date or today, files=files)
         (folder / "report.html").write_text(page, encoding="utf-8")
-
-
-def _write_tables(folder: Path, tables: Mapping[str, str]) -> None:
-    """Write tables by file name."""
-    for name, text in tables.items():
-        (folder / "tables" / name).write_text(text, encoding="utf-8")
 
 
 def rewrite_report(

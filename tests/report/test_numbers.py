@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from percept.report.basics import apart, is_known, percentage, rounded, written
+from percept.report.basics import is_known, percentage, rounded, written
 
 _SUPERSCRIPT = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -107,18 +107,6 @@ def test_a_number_is_written_in_its_style_and_the_absence_of_one_as_a_dash(value
 )
 def test_the_sign_of_a_bias_is_never_hidden(value, text):
     assert written(value, style="bias") == f"{text}\u202f%"
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "texts"),
-    [
-        (1013.6, 1005.7, ("1014", "1006")),
-        (1030.0, 1010.0, ("1030", "1010")),
-        (2.0, 2.0, ("2", "2")),
-    ],
-)
-def test_two_numbers_have_the_digits_that_tell_them_apart(first, second, texts):
-    assert apart(first, second) == texts
 
 
 @pytest.mark.parametrize(

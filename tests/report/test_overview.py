@@ -18,6 +18,7 @@ from percept.results import (
     IntervalRow,
     Leaning,
     LeftOut,
+    MethodPair,
     MoreSubjects,
     Note,
     PosteriorEvidence,
@@ -402,12 +403,11 @@ def test_an_interval_that_the_prior_widens_is_told(reach, said):
     found = results([("A", 5, 6, 7, 4, 8)])
     scene = {**found.provenance.scene, "inference": {"family": "normal"}}
     provenance = dataclasses.replace(found.provenance, scene=scene)
-    rows = []
-    for row in found.intervals:
-        classical = dataclasses.replace(row, family="normal")
-        ends = {"lower": row.estimate - reach, "upper": row.estimate + reach}
-        rows += [classical, dataclasses.replace(classical, method="bayesian", **ends)]
-    widened = dataclasses.replace(found, intervals=tuple(rows), provenance=provenance)
+    pair = MethodPair(
+        environment="A", parameter="k", kind="mean", family="normal", width_ratio=reach,
+        relative=True, shift=0.0,
+    )  # fmt: skip
+    widened = dataclasses.replace(found, comparison=(pair,), provenance=provenance)
     told = [one for one in cautions(widened) if "times as wide" in one]
     assert len(told) == len(said)
     assert all(text in one for text, one in zip(said, told, strict=True))

@@ -77,4 +77,4 @@ def test_means_far_apart_stay_where_the_data_have_them_or_are_the_first_thing_sa
         assert "standard errors" not in said
     else:
         assert said.startswith("The Bayesian mean lies more than two standard errors from the")
-        assert re.search(r"place of right \([^)]+ instead of 4\d\.\d mm\)", said)
+        assert re.search(r"place of right \([^)]+ instead of 4\d\.\d+ mm\)", said)

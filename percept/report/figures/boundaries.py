@@ -14,11 +14,12 @@ from percept.report.basics import (
     METHOD_NAMES,
     METHODS,
     NOTHING,
+    best,
     bracketed,
     distinct,
     families_from,
     family_of,
-    first,
+    grouped,
     matching,
     present,
     unwidened,
@@ -26,7 +27,7 @@ from percept.report.basics import (
 from percept.report.biases import drawn_said, foremost
 from percept.report.figures.canvas import (
     COLOURS,
-    REFERENCE_DASHES,
+    REFERENCE,
     Drawing,
     draw_interval,
     draw_panels,
@@ -84,8 +85,7 @@ def draw_magnitude(ax: Axes, boundaries: Sequence[Boundary], *, ratio: bool = Fa
     ax.plot(
         shown.omega,
         shown.reference / unit,
-        color=COLOURS["ink"],
-        linestyle=REFERENCE_DASHES,
+        **REFERENCE,
         label="reference",
     )
     if shown.coupled is not None:
@@ -146,11 +146,8 @@ def alike_boundaries(
         shapes = _SHAPES[::-1]
     of_kind = matching(boundaries, kind=kind)
     shape = next(iter(present(shapes, of_kind, "shape")), "")
-    found = [
-        first(of_kind, shape=[shape], method=[method], family=families)
-        for method in reversed(METHODS)
-    ]
-    return [boundary for boundary in found if boundary]
+    by_method = grouped(matching(of_kind, shape=shape), "method")
+    return [best(by_method[method], families) for method in METHODS[::-1] if method in by_method]
 
 
 _LAWS = {"weber": "Weber’s law", "offset": "Weber’s law with an offset", "power": "a power law"}
@@ -186,19 +183,13 @@ def draw_band(
     """
     size = size_name(parameter)
     of_parameter = matching(band.rows, parameter=parameter)
-    drawn = []
-    for method in METHODS:
-        row = first(matching(of_parameter, method=method), family=families)
-        if row is None:
-            continue
-        drawn.append(method)
-        chosen = [
-            one
-            for one in matching(of_parameter, method=method, family=row.family)
-            if np.isfinite(one.band)
-        ]
+    drawn = present(METHODS, of_parameter, "method")
+    for method in drawn:
+        rows = matching(of_parameter, method=method)
+        family = best(rows, families).family
+        chosen = [one for one in matching(rows, family=family) if np.isfinite(one.band)]
         sizes = [getattr(one, size) for one in chosen]
-        laws = matching(band.laws, method=method, family=row.family, parameter=parameter)
+        laws = matching(band.laws, method=method, family=family, parameter=parameter)
         for one, place in zip(chosen, sizes, strict=True):
             ends = [one.band_lower or one.band, one.band_upper or one.band]
             draw_interval(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context, rc_params_from_file
@@ -38,7 +38,8 @@ COLOURS = {
 
 #: Marks tell the methods apart where colours do not.
 MARKERS = {"classical": "o", "bayesian": "D"}
-REFERENCE_DASHES = (0, (7, 3))
+#: The line of the reference.
+REFERENCE: dict[str, Any] = {"color": COLOURS["ink"], "linestyle": (0, (7, 3))}
 #: Inches.
 MM = 1 / 25.4
 #: mm, of every figure: a column of a journal, and of the page.
@@ -135,12 +136,6 @@ def method_legend(ax: Axes, methods: Sequence[str]) -> None:
         ax.plot([], [], color=COLOURS[method], linewidth=3, label=METHOD_NAMES[method])
 
 
-def reference_line(ax: Axes, place: float, across: Literal["x", "y"] = "x") -> None:
-    """Draw where all references lie, or where nothing differs."""
-    line = {"x": ax.axvline, "y": ax.axhline}[across]
-    line(place, color=COLOURS["ink"], linestyle=REFERENCE_DASHES, linewidth=0.8)
-
-
 def draw_interval(
     ax: Axes,
     place: float,
@@ -230,10 +225,9 @@ def drawn(drawing: Drawing, formats: Collection[str] = ("svg",)) -> dict[str, by
 
 def _saved(figure: Figure, form: str, title: str) -> bytes:
     buffer = io.BytesIO()
+    metadata = _NO_METADATA[form]
     if form != "svg":
-        figure.savefig(buffer, format=form, metadata=_NO_METADATA[form], dpi=_DPI)
+        figure.savefig(buffer, format=form, metadata=metadata, dpi=_DPI)
         return buffer.getvalue()
-    figure.savefig(
-        buffer, format=form, metadata={**_NO_METADATA[form], "Title": title}, dpi=_POINTS
-    )
+    figure.savefig(buffer, format=form, metadata={**metadata, "Title": title}, dpi=_POINTS)
     return _CONTROL.sub("\ufffd", buffer.getvalue().decode()).encode()

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from itertools import product
+from itertools import cycle, product
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from percept.report.adjustments import contrast_rows, is_ratio, level_figures
+from percept.report.adjustments import is_ratio, level_figures, unit_of
 from percept.report.basics import KINDS, METHODS, bracketed, distinct, matching, present
 from percept.report.biases import Bias, biases_of, drawn_said, foremost
 from percept.report.figures.canvas import (
     COLOURS,
+    REFERENCE,
     Drawing,
     draw_interval,
     legend,
     log_scale,
     method_legend,
     panels,
-    reference_line,
     shortened,
 )
 from percept.results import CellValues, LevelValues, Results, Words
@@ -35,6 +35,7 @@ _THICKNESS = {"mean": 3.0, "user": 1.4, "share": 0.6}
 #: Between two environments, in distances between two bars of one.
 _GAP = 1.5
 _MOST_LETTERS = 22  # of an environment
+_REFERENCE_WIDTH = 0.8  # points
 _FARTHEST = 1e4  # ratio to the reference that a figure shows
 _ROOM = 0.02  # at both ends of an axis, as a share of its length
 _LINE_HEIGHT = 1.9  # mm, of a bar or of the subjects
@@ -75,29 +76,30 @@ def draw_intervals(
     relative = biases[0].relative
     environments = distinct(biases, "environment")
     rows = [bias.row for bias in biases]
-    lines = [line for line in product(KINDS, METHODS) if line in {(r.kind, r.method) for r in rows}]
-    bars = [
-        _against([row.lower, row.upper, row.estimate], row.reference, relative=relative)
-        for row in rows
+    lines = list(dict.fromkeys((row.kind, row.method) for row in rows))
+    # The reference is a ratio of one, or a difference of zero.
+    centre = float(relative)
+    against = np.divide if relative else np.subtract
+    bars = [against([row.lower, row.upper, row.estimate], row.reference or 0.0) for row in rows]
+    shown = [
+        cell
+        for cell in matching(cells, parameter=quantity.name)
+        if cell.values and cell.environment in environments
     ]
-    dots = {name: np.empty(0) for name in environments}
-    for cell in matching(cells, parameter=quantity.name):
-        if cell.environment in dots:
-            dots[cell.environment] = _against(cell.values, cell.reference, relative=relative)
-    values = np.concatenate([*dots.values(), *bars])
+    dots = [against(cell.values, cell.reference) for cell in shown]
+    values = np.concatenate([[centre], *dots, *bars])
     log = rows[0].family == "lognormal" and relative and bool((values > 0).all())
-    left, right = _ends(np.append(values, float(relative)), log=log)
+    left, right = _ends(values, log=log)
     tops = -(len(lines) + _GAP) * np.arange(len(environments))
-    reference_line(ax, float(relative))
-    for top, x in zip(tops, dots.values(), strict=True):
-        label = f"one {words.subject}" if len(x) else None
+    ax.axvline(centre, linewidth=_REFERENCE_WIDTH, **REFERENCE)
+    for cell, x in zip(shown, dots, strict=True):
         ax.plot(
             x,
-            np.full(len(x), top),
+            np.full(len(x), tops[environments.index(cell.environment)]),
             ".",
             color=COLOURS["quiet"],
             markersize=3.4,
-            label=label,
+            label=f"one {words.subject}",
         )
     for row, (lower, upper, estimate) in zip(rows, bars, strict=True):
         draw_interval(
@@ -139,12 +141,6 @@ def _against_label(label: str, quantity: Quantity, unit: str, *, relative: bool)
     return label + (" − reference" if quantity.is_matched else "") + bracketed(unit)
 
 
-def _against(values: ArrayLike, reference: float | None, *, relative: bool) -> FloatArray:
-    """Divide values by their reference, or subtract it."""
-    array = np.asarray(values, dtype=float)
-    return array / reference if relative and reference else array - (reference or 0.0)
-
-
 def _ends(values: FloatArray, *, log: bool) -> tuple[float, float]:
     """Return the ends of an axis that holds every finite value."""
     shown = values[np.isfinite(values)]
@@ -166,7 +162,7 @@ def overview_drawings(results: Results) -> list[Drawing]:
     kinds = [kind for kind in ("mean", "user") if matching(results.intervals, kind=kind)]
     shown = []
     for kind, method in product(kinds or ["share"], METHODS):
-        biases = biases_of(results, kind, method=method)
+        biases = biases_of(results, kind=kind, method=method)
         shown += [bias for bias in biases if bias.environment in environments]
     names = distinct(shown, "parameter")
     columns = min(2, len(names))
@@ -216,43 +212,42 @@ def level_drawings(results: Results) -> list[Drawing]:
 def _draw_levels(figure: Figure, rows: Sequence[LevelValues], results: Results) -> None:
     """Draw each subject's values over the levels, and the average user beside them."""
     (ax,) = panels(figure)
-    chosen = {"parameter": rows[0].parameter, "factor": rows[0].factor, "of": "level"}
-    means = matching(contrast_rows(results), **chosen, kind="mean")
-    first = means[0]
-    quantity = results.data.quantities[first.parameter]
-    raw = matching(results.contrast, **chosen)
-    # Values are in the unit of report.json, as its contrasts.
-    scale = first.estimate / raw[0].estimate if raw[0].estimate else 1.0
+    drawn = rows[0]
+    quantity = results.data.quantities[drawn.parameter]
+    means = matching(
+        results.contrast, parameter=drawn.parameter, factor=drawn.factor, of="level", kind="mean"
+    )
+    scale, unit = unit_of(means[0], results)
     values = scale * np.array([row.values for row in rows], dtype=float)
-    for index, (name, members) in enumerate(_groups(rows[0], results).items()):
-        colour = _GROUP_COLOURS[index % len(_GROUP_COLOURS)]
-        _draw_subjects(ax, values[:, members], name, colour, within=rows[0].within)
+    for (name, members), colour in zip(_groups(drawn, results).items(), cycle(_GROUP_COLOURS)):
+        _draw_subjects(ax, values[:, members], name, colour, within=drawn.within)
     levels = [row.level for row in rows]
     for row in means:
         place = levels.index(row.second) + _BESIDE[row.method]
-        limits = [row.lower, row.upper]
-        draw_interval(ax, place, limits, row.estimate, row.method, upright=True)
+        limits = [scale * row.lower, scale * row.upper]
+        draw_interval(ax, place, limits, scale * row.estimate, row.method, upright=True)
     method_legend(ax, present(METHODS, means, "method"))
-    log = is_ratio(first)
+    log = is_ratio(means[0])
     if log:
         log_scale(ax, "y", plain=True)
-    ax.set_ylabel(_against_label(quantity.label, quantity, first.unit, relative=log))
+    ax.set_ylabel(_against_label(quantity.label, quantity, unit, relative=log))
     ax.set_xticks(range(len(levels)), shortened(levels, max(4, _LEVELS_LETTERS // len(levels))))
     ax.set_xlim(-_END, len(levels) - 1 + _END)
-    ax.set_xlabel(first.factor)
+    ax.set_xlabel(drawn.factor)
     ax.grid(visible=False, axis="x")
     if quantity.is_matched:
-        reference_line(ax, float(log), "y")
+        ax.axhline(float(log), linewidth=_REFERENCE_WIDTH, **REFERENCE)
     legend([ax])
 
 
 def _groups(drawn: LevelValues, results: Results) -> dict[str, NDArray[np.bool_]]:
     """Return the subjects of each level of the first factor between groups, else all of them."""
-    chosen = matching(results.levels, parameter=drawn.parameter, environment=None, within=False)
-    of_groups = matching(chosen, factor=chosen[0].factor) if chosen else []
-    if len(of_groups) < 2 or of_groups[0].factor == drawn.factor:
+    others = matching(results.levels, parameter=drawn.parameter, environment=None, within=False)
+    first = others[0].factor if others else drawn.factor
+    groups = [] if first == drawn.factor else matching(others, factor=first)
+    if len(groups) < 2:
         return {f"one {results.data.words.subject}": np.ones(len(drawn.values), dtype=bool)}
-    return {row.level: np.array([one is not None for one in row.values]) for row in of_groups}
+    return {row.level: np.array([one is not None for one in row.values]) for row in groups}
 
 
 def _draw_subjects(ax: Axes, values: FloatArray, name: str, colour: str, *, within: bool) -> None:
