@@ -31,7 +31,6 @@ __all__ = [
     "environment_impedance",
     "filter_response",
     "hold",
-    "over_sum",
     "rotated_device",
     "series",
     "spring_damping",
@@ -71,25 +70,31 @@ def series(grid: Warp, first: Element, second: Element) -> Element:
     weights is drawn together to k₁k₂(k₁ + k₂): left in them, it would be a difference of large
     numbers near a resonance, k₁ = −k₂.
     """
-    z1 = _scaled(grid, first)
-    z2 = _scaled(grid, second)
-    vanishing = (grid.sin * grid.cos == 0) & (z1 + z2 == 0)
+    r1, x1 = _scaled_parts(grid, first)
+    r2, x2 = _scaled_parts(grid, second)
+    at_nyquist = grid.cos == 0
+    vanishing = (at_nyquist | (grid.sin == 0)) & (r1 + r2 == 0) & (x1 + x2 == 0)
     if vanishing.any():
         # At an end where neither a spring nor a mass leads, dampers do. Without dampers springs do.
         undamped = np.add(first.damping, second.damping) == 0
-        z1 = np.where(vanishing, np.where(undamped, first.stiffness, first.damping), z1)
-        z2 = np.where(vanishing, np.where(undamped, second.stiffness, second.damping), z2)
-    u1, u2 = over_sum(z1, z2)
-    damping = np.abs(u2) ** 2 * first.damping + np.abs(u1) ** 2 * second.damping
-    at_nyquist = grid.cos == 0
+        r1 = np.where(vanishing, np.where(undamped, first.stiffness, first.damping), r1)
+        r2 = np.where(vanishing, np.where(undamped, second.stiffness, second.damping), r2)
+    total = np.hypot(r1 + r2, x1 + x2)
+
+    def over_total(part: FloatArray) -> FloatArray:
+        return ratio(part, total, empty=0.0)
+
+    weight1 = over_total(np.hypot(r2, x2)) ** 2
+    weight2 = over_total(np.hypot(r1, x1)) ** 2
+    damping = times(weight1, first.damping) + times(weight2, second.damping)
     # The rate at Nyquist is not used there; 0 keeps it finite.
     inertia = np.multiply(first.mass, np.where(at_nyquist, 0.0, grid.rate) ** 2)
     with np.errstate(invalid="ignore"):
         k1 = first.stiffness - inertia
         k2 = second.stiffness
-        by_dampers = times(u2.real**2, k1) + times(u1.real**2, k2)
-        stiffness = by_dampers + times(u1.imag * u2.imag, k1 + k2)
-    pole = (z1 + z2 == 0) & (z1.imag != 0)
+        by_dampers = times(over_total(r2) ** 2, k1) + times(over_total(r1) ** 2, k2)
+        stiffness = by_dampers + times(over_total(x1) * over_total(x2), k1 + k2)
+    pole = (total == 0) & (x1 != 0)
     stiffness = np.where(np.isfinite(stiffness) & ~pole, stiffness, np.inf)
     # A mass outgrows all at Nyquist, and next to it takes b₂²/m off the stiffness.
     heavy = at_nyquist & (np.asarray(first.mass) > 0)
@@ -97,19 +102,11 @@ def series(grid: Warp, first: Element, second: Element) -> Element:
     return Element(np.where(heavy, second.stiffness - taken, stiffness), damping)
 
 
-def _scaled(grid: Warp, element: Element) -> ComplexArray:
-    """Return Z·sin h·cos h, which is finite from DC to Nyquist."""
-    damper = np.multiply(element.damping, grid.sin * grid.cos)
+def _scaled_parts(grid: Warp, element: Element) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of Z·sin h·cos h, which is finite from DC to Nyquist."""
     inertia = np.multiply(element.mass, (2 / grid.period) * grid.sin**2)
     spring = np.multiply(element.stiffness, (grid.period / 2) * grid.cos**2)
-    return np.asarray(damper + 1j * (inertia - spring))
-
-
-def over_sum(first: ComplexArray, second: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return Z₁ and Z₂ over abs(Z₁ + Z₂), 0 where that is 0."""
-    total = np.abs(first + second)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(total > 0, first / total, 0.0), np.where(total > 0, second / total, 0.0)
+    return np.multiply(element.damping, grid.sin * grid.cos), inertia - spring
 
 
 def device_impedance(loop: Loop, omega: ArrayLike) -> ComplexArray:

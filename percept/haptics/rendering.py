@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics.aliases import Aliases, alias_features, aliases
-from percept.haptics.arrays import ComplexArray, FloatArray, IntArray, Scalars, ratio, stored
-from percept.haptics.impedance import filter_response, over_sum
+from percept.haptics.arrays import FloatArray, IntArray, Scalars, ratio, stored
+from percept.haptics.impedance import filter_response
 from percept.haptics.loop import Loop, VelocityFilter, Warp, search_grid
 from percept.haptics.records import (
     Coupling,
@@ -77,9 +77,9 @@ class Force(NamedTuple):
     real: FloatArray
     slope: FloatArray
 
-    def at(self, grid: Warp) -> ComplexArray:
-        """Return H itself, N/m."""
-        return np.asarray(self.real + 1j * grid.sin * self.slope)
+    def size(self, grid: Warp) -> FloatArray:
+        """Return abs(H), N/m."""
+        return np.hypot(self.real, grid.sin * self.slope)
 
 
 def _element(
@@ -101,9 +101,9 @@ def _element(
 
 def _in_series(grid: Warp, first: Force, second: Force) -> Force:
     """Return H₁H₂/(H₁ + H₂) as a₂²·H₁ + a₁²·H₂, aᵢ = abs(Hᵢ)/abs(H₁ + H₂)."""
-    first_share, second_share = over_sum(first.at(grid), second.at(grid))
-    first_weight = np.abs(second_share) ** 2
-    second_weight = np.abs(first_share) ** 2
+    total = Force(first.real + second.real, first.slope + second.slope).size(grid)
+    first_weight = ratio(second.size(grid), total, empty=0.0) ** 2
+    second_weight = ratio(first.size(grid), total, empty=0.0) ** 2
     return Force(
         real=first_weight * first.real + second_weight * second.real,
         slope=first_weight * first.slope + second_weight * second.slope,
@@ -339,7 +339,8 @@ def _has_pole_outside(loop: Loop, omega: FloatArray, joined: Joined) -> FloatArr
     unfiltered = replace(loop, velocity_filter=None)
     for its_loop, behind, at_device in ((unfiltered, environment, None), (loop, None, coupling)):
         grid = its_loop.at(omega[:, None])
-        total += force_of(grid, behind, at_device).at(grid)
+        force = force_of(grid, behind, at_device)
+        total += force.real + 1j * grid.sin * force.slope
     steps = np.angle(total[1:] * np.conj(total[:-1]))
     return np.asarray(steps.sum(axis=0) < -_TURNED)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from percept.html import NotebookRecord
@@ -12,7 +12,7 @@ from percept.sessions.quantities import Quantity
 from percept.sessions.records import Exclusion, Source
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Provenance:
     """What a result was made from."""
 
@@ -22,7 +22,7 @@ class Provenance:
     scene: Mapping[str, Any]  # Every setting, by table and key
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Note:
     """Something the reader decided, or doubts, with its place where it has one."""
 
@@ -31,7 +31,7 @@ class Note:
     row: int | None = None  # Physical line of the file; the header is 1
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class DesignCounts:
     """How many cells, trials and sessions the study has."""
 
@@ -41,7 +41,7 @@ class DesignCounts:
     sessions: tuple[int, int]  # Fewest and most of a subject
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class CellValues:
     """What the subjects adjusted in one environment: their own means over trials, of no model."""
 
@@ -55,7 +55,7 @@ class CellValues:
     unit: str
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class SubjectRow:
     """What one subject adjusted of one quantity, over all environments."""
 
@@ -71,7 +71,7 @@ class SubjectRow:
     unit: str
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Words:
     """What a study calls one and several environments, subjects and users, and what these did."""
 
@@ -84,7 +84,7 @@ class Words:
     verb: str = "set"  # What they did to a quantity, in the past tense
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Data:
     """What was read: subjects, environments, quantities, notices, and the values of every cell."""
 
@@ -107,7 +107,7 @@ class Data:
     people: tuple[SubjectRow, ...] = ()
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class GateVerdict:
     """Verdict on a run of the sampler, and the measures behind it."""
 
@@ -128,7 +128,7 @@ class GateVerdict:
     times_needed: float  # What `times_run` had to reach
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Prior:
     """A prior in force."""
 
@@ -137,7 +137,7 @@ class Prior:
     meaning: str
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Diagnostics(NotebookRecord):
     """How the hierarchical model was sampled."""
 
@@ -150,7 +150,7 @@ class Diagnostics(NotebookRecord):
     priors: tuple[Prior, ...]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class NormalityTest:
     """Shapiro and Wilk's test of one cell's values (normal) or of their logarithms (lognormal)."""
 
@@ -162,7 +162,7 @@ class NormalityTest:
     n: int
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class SubjectCheck:
     """A subject against what the others predict."""
 
@@ -172,7 +172,7 @@ class SubjectCheck:
     outlier: bool
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class CellOutlier:
     """A subject's cell that lies far from what the other subjects predict."""
 
@@ -183,7 +183,7 @@ class CellOutlier:
     below: float  # Predictive probability of a smaller value
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class LeftOut(NotebookRecord):
     """Each subject against what the others predict."""
 
@@ -193,7 +193,7 @@ class LeftOut(NotebookRecord):
     messages: tuple[str, ...]  # Outliers by name, with what to do
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class IntervalWithout:
     """The average user's interval without each subject in turn, in the order of `LeftOut`.
 
@@ -207,7 +207,7 @@ class IntervalWithout:
     upper: tuple[float | None, ...]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class PredictiveCheck:
     """A statistic of one cell against new studies drawn from the posterior."""
 
@@ -221,7 +221,7 @@ class PredictiveCheck:
     unusual: bool  # Too far out for chance, over all checks of the study
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Checks(NotebookRecord):
     """Checks of the model; without a Bayesian fit of subjects only the tests of normality."""
 

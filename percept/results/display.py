@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -33,7 +33,7 @@ def _as_floats(values: Any) -> NDArray[np.float64]:
 Array = Annotated[NDArray[np.float64], PlainValidator(_as_floats)]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Boundary(NotebookRecord):
     """Lower and upper curve of abs(Z_h) over omega that feel like one environment.
 
@@ -100,7 +100,7 @@ class Boundary(NotebookRecord):
         return self.upper - self.lower
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Coefficient(NotebookRecord):
     """A parameter of a law with its interval."""
 
@@ -109,7 +109,7 @@ class Coefficient(NotebookRecord):
     upper: float
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class BandRow:
     """Width of one environment's interval of users against the environment's own size."""
 
@@ -128,7 +128,7 @@ class BandRow:
     relative: float  # Over the environment's size
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class BandLaw(NotebookRecord):
     """A law fitted to bands over environments."""
 
@@ -144,7 +144,7 @@ class BandLaw(NotebookRecord):
     carried_by: str | None = None  # The one environment without which the offset all but vanishes
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class WeberTrend:
     """The slope of log spread against the logarithm of the reference: zero under Weber's law."""
 
@@ -155,7 +155,7 @@ class WeberTrend:
     below_zero: float  # Posterior probability of a negative slope
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Band(NotebookRecord):
     """Bands of the device-free environment impedance, or of other quantities, and their laws."""
 
@@ -165,7 +165,7 @@ class Band(NotebookRecord):
     kappa: tuple[WeberTrend, ...] | None = None
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class CentralProbability:
     """Posterior probability that a display lies among a central share of users at every ω."""
 
@@ -173,7 +173,7 @@ class CentralProbability:
     probability: float
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class PosteriorEvidence:
     """Posterior probability that a display lies in the central range of users at every ω.
 
@@ -192,7 +192,7 @@ class PosteriorEvidence:
     lowest_omega: float  # rad/s; of many devices, the median of theirs
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Confidences:
     """Classical confidence that what is displayed lies in the central range of users, by parts."""
 
@@ -207,7 +207,7 @@ class Confidences:
     together_error: float | None  # Its Monte Carlo standard error
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class MoreSubjects(NotebookRecord):
     """How many more subjects would decide a verdict with a stated probability."""
 
@@ -216,7 +216,7 @@ class MoreSubjects(NotebookRecord):
     most: int  # Subjects beyond which no number is given
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Leaning:
     """The doubtful rows of an environment, and its verdict without any doubtful row."""
 
@@ -224,7 +224,7 @@ class Leaning:
     without: Verdict | None  # None where the rest carries no verdict
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Verdict(NotebookRecord):
     """Whether one environment, as it is displayed, feels real."""
 
@@ -247,7 +247,7 @@ class Verdict(NotebookRecord):
     without: tuple[float | None, ...] = ()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RenderedEdge:
     """Edge of the stiffness and damping that a device renders with every passive hand, in time."""
 
@@ -258,7 +258,7 @@ class RenderedEdge:
     most_damping: float  # Largest damping, N·s/m
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class RenderedWall:
     """An environment beside the edges."""
 
@@ -267,7 +267,7 @@ class RenderedWall:
     damping: float  # N·s/m
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ZWidth(NotebookRecord):
     """What a device renders with every passive hand, in time.
 
@@ -279,7 +279,7 @@ class ZWidth(NotebookRecord):
     likely: RenderedEdge | None = None  # Of 95 % of a posterior's devices, by their damping alone
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Membership:
     """The paper's rule: whether a reference stays inside a boundary, directly and coupled.
 
@@ -299,7 +299,7 @@ class Membership:
     departure_omega_coupled: float  # rad/s
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class DeviceStability(NotebookRecord):
     """How probably the device renders: all of the uncertainty is the device's."""
 
@@ -311,7 +311,7 @@ class DeviceStability(NotebookRecord):
     margin_upper: float
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Rendered(NotebookRecord):
     """Whether the device renders one environment with every passive hand, in time."""
 
@@ -330,7 +330,7 @@ class Rendered(NotebookRecord):
         return {"can": True, "cannot": False}.get(self.verdict)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Coupling(NotebookRecord):
     """The coupling by the paper: Eq. 10, and its rule for boundaries.
 
@@ -351,7 +351,7 @@ class Coupling(NotebookRecord):
     memberships: tuple[Membership, ...]  # By the paper's rule, one per environment
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ConfirmedCoupling(NotebookRecord):
     """A coupling that is stable in time and was found to feel real at every omega of the range."""
 
@@ -365,7 +365,7 @@ class ConfirmedCoupling(NotebookRecord):
     bound: Literal["stability", "magnitude", "plane", "map"]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class EnvironmentCouplings:
     """How probably stable couplings feel real in one environment."""
 
@@ -380,7 +380,7 @@ class EnvironmentCouplings:
     softest: ConfirmedCoupling | None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AdmissibleCouplings(NotebookRecord):
     """Couplings that are stable in time, with the probability that they feel real.
 
@@ -398,7 +398,7 @@ class AdmissibleCouplings(NotebookRecord):
     together: ConfirmedCoupling | None = None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ChangedVerdict:
     """A display on each of the `OtherDevices`."""
 
@@ -409,7 +409,7 @@ class ChangedVerdict:
     rendered: tuple[bool, ...]  # Whether with every passive hand, in time
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class OtherDevices(NotebookRecord):
     """Verdicts with the scene's device, half and 1.5 times its mass, then its damping."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from percept.html import NotebookRecord
@@ -26,7 +26,7 @@ Measure: TypeAlias = Literal[
 Equivalence: TypeAlias = Literal["within", "beyond", "too little data"]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Estimate(NotebookRecord):
     """What a method says of one number of one quantity: what all tables of estimates share."""
 
@@ -41,7 +41,7 @@ class Estimate(NotebookRecord):
     n: int  # Subjects behind it
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class IntervalRow(Estimate):
     """An interval of one parameter in one environment; its estimate is the users' mean.
 
@@ -58,7 +58,7 @@ class IntervalRow(Estimate):
     covers: str  # The sentence that says what it covers
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ContrastRow(Estimate):
     """Two levels of a factor, the second against the first; an interaction; or a slope.
 
@@ -90,7 +90,7 @@ class ContrastRow(Estimate):
     within: bool  # Whether each subject has all levels
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LevelValues:
     """What the subjects set at one level of a factor: of no model."""
 
@@ -104,7 +104,7 @@ class LevelValues:
     values: tuple[float | None, ...]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class AnovaRow(NotebookRecord):
     """The test of a term by analysis of variance of subjects' means on the family's scale."""
 
@@ -124,7 +124,7 @@ class AnovaRow(NotebookRecord):
     n: int  # Subjects
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class MethodPair(NotebookRecord):
     """The intervals of both methods of one kind and family."""
 
@@ -137,7 +137,7 @@ class MethodPair(NotebookRecord):
     shift: float | None  # Bayesian estimate over the classical one, less one; else less the other
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class BandPair(NotebookRecord):
     """How a band of abs(Z_h) differs from another one: exact envelopes of one kind and family.
 
@@ -156,7 +156,7 @@ class BandPair(NotebookRecord):
     width_median: float
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class LadderEffect:
     """What one step from the classical interval to the Bayesian one does."""
 
@@ -170,7 +170,7 @@ class LadderEffect:
     centre_error: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Ladder(NotebookRecord):
     """The steps from the classical interval (Eq. 15; normal family) to the Bayesian one."""
 
@@ -178,7 +178,7 @@ class Ladder(NotebookRecord):
     notes: tuple[str, ...] = ()  # Environments without a ladder, and why
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class PsychophysicsRow(Estimate):
     """One measure of one quantity; SDs are taken on the scale of the family."""
 
@@ -189,7 +189,7 @@ class PsychophysicsRow(Estimate):
     approximate: bool  # Whether the classical interval holds its level approximately
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class EquivalenceRow(NotebookRecord):
     """Whether a bias is smaller than one JND, by one method."""
 

@@ -278,10 +278,8 @@ def _with_curves(boundaries: Any, shared: Any) -> Any:
 
 def plain(value: Any) -> Any:
     """Turn a result into JSON values, with every digit; NaN is None, infinities are text."""
-    if value is None or isinstance(value, (str, bool)):
+    if value is None or isinstance(value, (str, int)):
         return value
-    if isinstance(value, int):
-        return int(value)
     if isinstance(value, float):
         return _number(float(value))
     if isinstance(value, Mapping):
