@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.basics import (
@@ -84,15 +86,17 @@ def biases_among(
         reference = row.reference
         if reference is None:
             continue
-        size = reference
+        numbers = np.array([row.estimate, row.lower, row.upper])
+        off = numbers / reference - 1.0
         style = "bias"
         if row.parameter in absolute:
-            size = 1.0
+            off = numbers - reference
             style = "difference" if quantities[row.parameter].is_matched else "plain"
+        estimate, lower, upper = off.tolist()
         bias = Bias(
-            (row.estimate - reference) / size,
-            (row.lower - reference) / size,
-            (row.upper - reference) / size,
+            estimate,
+            lower,
+            upper,
             unit="" if style == "bias" else row.unit,
             style=style,
             row=row,

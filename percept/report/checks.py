@@ -88,8 +88,7 @@ def _sampling(results: Results) -> Section:
         diagnostics.priors,
         {"Prior": of("prior"), "Value": of("value", 4), "Meaning (unit)": of("meaning")},
     )
-    known = [measure for measure in measures if measure[1] is not None]
-    measured = table_of(caption, known, columns)
+    measured = table_of(caption, measures, columns)
     return Section("diagnostics", "Sampling", sentences, [measured, priors])
 
 
@@ -177,7 +176,7 @@ def _without(results: Results, loo: LeftOut) -> Table:
     shown = foremost(results)
 
     def moved_most(row: IntervalWithout) -> Cell:
-        (whole, *_) = matching(
+        whole = matching(
             results.intervals,
             environment=row.environment,
             parameter=row.parameter,
@@ -185,7 +184,8 @@ def _without(results: Results, loo: LeftOut) -> Table:
             method="bayesian",
             joint="marginal",
         )
-        index = _farthest(row.estimate, whole.estimate)
+        # A scene may ask for other kinds alone.
+        index = _farthest(row.estimate, whole[0].estimate) if whole else None
         if index is None:
             return NOTHING
         without: list[Any] = [row.estimate[index], row.lower[index], row.upper[index]]

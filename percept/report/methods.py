@@ -220,7 +220,7 @@ def _sampled(results: Results, diagnostics: Diagnostics) -> Iterator[str]:
             f" parameter by itself with the reference prior, sampled with {sampler}."
         )
     gate = diagnostics.gate
-    reached = max(gate.worst_error or 0.0, diagnostics.tolerance)
+    reached = max(gate.worst_error, diagnostics.tolerance)
     yield (
         "Sampling ended when the Monte Carlo standard error of every limit of the Bayesian"
         f" intervals was at most {short(reached)} of its interval’s half-width, where"

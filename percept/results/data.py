@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
 
 from percept.html import NotebookRecord
 from percept.inference.record import Family
+from percept.inference.sampling.gate import Gate
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import Exclusion, Source
 
@@ -108,27 +112,6 @@ class Data:
 
 
 @dataclass(frozen=True)
-class GateVerdict:
-    """Verdict on a run of the sampler, and the measures behind it."""
-
-    passed: bool  # Whether the run has mixed, so that its numbers may be reported
-    reasons: tuple[str, ...]  # What failed
-    rhat: float | None  # Largest rank R-hat across ensembles
-    autocorrelation_time: float | None  # Longest of a reported quantity, in steps
-    slowest: str  # The quantity it belongs to
-    times_run: float | None  # Kept steps per ensemble over that time
-    effective_draws: float | None  # Of the slowest reported quantity
-    acceptance: float | None  # Mean acceptance fraction
-    lowest_acceptance: float | None  # Of the slowest walker
-    worst_error: float | None  # Largest Monte Carlo error over half-width
-    worst: str  # The estimate it belongs to
-    tolerance_met: bool  # Whether that error is within the tolerance
-    error_reached: str  # A sentence on the error where it misses the tolerance, else empty
-    rhat_limit: float  # What R-hat had to stay below
-    times_needed: float  # What `times_run` had to reach
-
-
-@dataclass(frozen=True)
 class Prior:
     """A prior in force."""
 
@@ -137,11 +120,19 @@ class Prior:
     meaning: str
 
 
+def _measures(gate: Any) -> Any:
+    """Read what a run was too short to measure: null is NaN."""
+    if not isinstance(gate, dict):
+        return gate
+    return {name: math.nan if value is None else value for name, value in gate.items()}
+
+
 @dataclass(frozen=True)
 class Diagnostics(NotebookRecord):
     """How the hierarchical model was sampled."""
 
-    gate: GateVerdict
+    #: Its measures are null where a run is too short for them.
+    gate: Annotated[Gate, BeforeValidator(_measures)]
     steps: int  # Per ensemble
     ensembles: int
     walkers: int  # Per ensemble

@@ -20,7 +20,6 @@ from percept.results import (
     Beside,
     Coupling,
     Diagnostics,
-    GateVerdict,
     Prior,
     Provenance,
     Results,
@@ -30,7 +29,7 @@ from percept.results import (
 )
 from percept.scene import Scene
 from percept.sessions import Sessions, read_sessions
-from percept.study.basics import known, select
+from percept.study.basics import select
 from percept.study.conditions import told_apart
 from percept.study.data import Data, what_was_read
 from percept.study.displayed import Displayed
@@ -189,13 +188,9 @@ class Study(Displayed):
         from percept.inference.model.priors import MEANINGS
 
         ensembles, _, walkers, dimension = fit.run.points.shape
-        gate = dict(vars(fit.run.gate))
-        for name, value in list(gate.items()):
-            # A run too short for a measure leaves it unknown.
-            gate[name] = known(value) if isinstance(value, float) else value
         priors = fit.model.priors_in_force
         return Diagnostics(
-            gate=GateVerdict(**gate),
+            gate=fit.run.gate,
             steps=fit.run.steps,
             ensembles=ensembles,
             walkers=walkers,

@@ -71,4 +71,5 @@ def test_values_without_a_reference_become_a_page(tmp_path):
     del tables["environments"]
     tables["quantities"]["effort"]["reference"] = "none"
     tables["model"] = {"scale": {"effort": 3.0}}
+    tables["inference"]["kinds"] = ["user"]
     assert_both_methods(*written("stools", Scene(**tables), tmp_path))
