@@ -232,11 +232,9 @@ def overruled(results: Results) -> list[str]:
         errors = -2.0 * special.stdtrit(plain.n - 1.0, 0.5 * (1.0 - plain.level))
         if errors * shift > _OVERRULED * width > 0.0:
             label = results.data.quantities[row.parameter].label
-            shown = Estimated(plain.estimate, plain.lower, plain.upper, unit=row.unit)
-            own = shown.text(plain.estimate)
-            named.append(
-                f"{label} of {row.environment} ({shown.text(row.estimate)} instead of {own})"
-            )
+            shown = Estimated(plain.estimate, plain.lower, plain.upper)
+            values = f"{shown.text(row.estimate)} instead of {shown.text(plain.estimate)}"
+            named.append(f"{label} of {row.environment} ({f'{values} {row.unit}'.rstrip()})")
     if not named:
         return []
     return [
