@@ -225,7 +225,8 @@ class Working:
         if self._bar is not None:
             self._bar.reset(self._bar.task_ids[0], description=name, total=None)
         elif self._shown:
-            self._waiting = threading.Timer(_SLOW_STAGE, _say_stage, [name])
+            where = {"file": sys.stderr, "flush": True}
+            self._waiting = threading.Timer(_SLOW_STAGE, print, [f"percept: {name} …"], where)
             self._waiting.daemon = True
             self._waiting.start()
 
@@ -248,10 +249,6 @@ class Working:
             quicker = f" Quicker: {state.quicker}." if state.quicker else ""
             minutes = f"{state.seconds_left / 60.0:.0f} min"
             print(f"percept: sampling takes about {minutes}.{quicker}", file=sys.stderr, flush=True)
-
-
-def _say_stage(name: str) -> None:
-    print(f"percept: {name} …", file=sys.stderr, flush=True)
 
 
 def _bar(what: str) -> rich.progress.Progress:

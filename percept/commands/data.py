@@ -19,7 +19,7 @@ from percept.errors import UsageError, counted
 from percept.files import write_whole
 
 if TYPE_CHECKING:
-    from packaging.requirements import Requirement
+    pass
 
 
 def _validate(arguments: argparse.Namespace) -> int:
@@ -156,7 +156,8 @@ def _check_installation() -> int:
             lacking = broken
         else:
             lacking = extras.setdefault(extra[1], [])
-        if not _is_met(requirement):
+        version = _installed(requirement.name)
+        if version is None or not requirement.specifier.contains(version, prereleases=True):
             lacking.append(f"{requirement.name}{requirement.specifier}")
     print(f"percept {__version__}, Python {platform.python_version()}, {platform.platform()}")
     print(f"needed: {needed - len(broken)} of {needed} packages are here")
@@ -168,7 +169,7 @@ def _check_installation() -> int:
     print(f"cache: {cache_folder() or 'off'}")
     for package in broken:
         print(f'Install {package}: python -m pip install "{package}"')
-    stranger = _is_installed(_STRANGER)
+    stranger = _installed(_STRANGER) is not None
     if stranger:
         print(
             f"Another project's package '{_STRANGER}' is installed here, and its files replace "
@@ -180,22 +181,12 @@ def _check_installation() -> int:
     return int(bool(broken) or stranger)
 
 
-def _is_installed(distribution: str) -> bool:
-    """Whether a distribution of exactly this name is here."""
+def _installed(distribution: str) -> str | None:
+    """Return the version of a distribution of exactly this name; None where it is not here."""
     try:
-        metadata.version(distribution)
+        return metadata.version(distribution)
     except metadata.PackageNotFoundError:
-        return False
-    return True
-
-
-def _is_met(requirement: Requirement) -> bool:
-    """Whether a package is here in a version that is asked for."""
-    try:
-        version = metadata.version(requirement.name)
-    except metadata.PackageNotFoundError:
-        return False
-    return requirement.specifier.contains(version, prereleases=True)
+        return None
 
 
 def _cache(action: str) -> None:

@@ -227,18 +227,13 @@ def _batch(arguments: argparse.Namespace) -> int:
 def _print_summary(summary: Summary) -> None:
     """Print what became of the studies; what is wrong goes to standard error."""
     for name, message in (*summary.failures, *summary.inaccurate):
-        _tell(name, message)
+        told = message if message.startswith(name) else f"{name}: {message}"
+        print(printable(told), file=sys.stderr)
     words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
     studies = counted(summary.studies, "study", "studies")
     now = summary.studies - summary.skipped
     print(f"{studies} ({words}): {summary.skipped} finished before, {now} now")
     print(summary.table)
-
-
-def _tell(name: str, message: str) -> None:
-    if not message.startswith(name):
-        message = f"{name}: {message}"
-    print(printable(message), file=sys.stderr)
 
 
 FIT = Command(
