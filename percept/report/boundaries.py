@@ -34,7 +34,7 @@ from percept.report.basics import (
     unwidened,
     value,
 )
-from percept.report.biases import drawn_said, foremost
+from percept.report.biases import drawn_said
 from percept.results import (
     BandLaw,
     BandPair,
@@ -186,11 +186,9 @@ def boundaries(results: Results) -> Section:
 
 def _explorer(results: Results) -> Section:
     """Return the curves for the page's script, as report.json has them, with fewer digits."""
-    shown = foremost(results)
     curves = [
         {name: _short(getattr(record, name)) for name in _CURVES}
         for record in unwidened(results.boundaries)
-        if record.environment in shown
     ]
     if not curves:
         return Section("explore")

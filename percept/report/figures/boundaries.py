@@ -24,7 +24,7 @@ from percept.report.basics import (
     present,
     unwidened,
 )
-from percept.report.biases import drawn_said, foremost
+from percept.report.biases import drawn_said
 from percept.report.figures.canvas import (
     COLOURS,
     REFERENCE,
@@ -105,8 +105,7 @@ def draw_magnitude(ax: Axes, boundaries: Sequence[Boundary], *, ratio: bool = Fa
 
 def curve_drawings(results: Results) -> list[Drawing]:
     """Return the figure of boundaries over the reference, with the verdicts."""
-    shown = foremost(results)
-    curves = [record for record in unwidened(results.boundaries) if record.environment in shown]
+    curves = unwidened(results.boundaries)
     if not curves:
         return []
     kind = present(_WHOM, curves, "kind")[0]
@@ -183,8 +182,7 @@ def draw_band(
     """
     size = size_name(parameter)
     of_parameter = matching(band.rows, parameter=parameter)
-    drawn = present(METHODS, of_parameter, "method")
-    for method in drawn:
+    for method in present(METHODS, of_parameter, "method"):
         rows = matching(of_parameter, method=method)
         family = best(rows, families).family
         chosen = [one for one in matching(rows, family=family) if np.isfinite(one.band)]
@@ -200,7 +198,7 @@ def draw_band(
         grid = np.geomspace(min(sizes) / _BEYOND, max(sizes) * _BEYOND, _LAW_POINTS)
         values = np.array([[estimate.value for estimate in law.parameters.values()]])
         line = law_band(law.model, values, grid)[0]
-        ax.plot(grid, line, color=COLOURS[drawn[-1]], linewidth=0.9, label=_LAWS[law.model])
+        ax.plot(grid, line, color=COLOURS[method], linewidth=0.9, label=_LAWS[law.model])
     for one in chosen:
         ax.annotate(
             one.environment,
@@ -209,7 +207,7 @@ def draw_band(
             textcoords="offset points",
             fontsize="small",
         )
-    method_legend(ax, drawn)
+    method_legend(ax, of_parameter)
     ax.margins(x=0.1)
     log_scale(ax, plain=True)
     what, unit = "|Zₑ|", "N·s/m"

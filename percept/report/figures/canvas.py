@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogLocator
 
-from percept.report.basics import METHOD_NAMES, SUPERSCRIPT, Plot
+from percept.report.basics import METHOD_NAMES, METHODS, SUPERSCRIPT, Plot, present
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them
 # apart as well.
@@ -130,9 +130,9 @@ def legend(axes: Sequence[Axes], *, ncols: int = 4) -> None:
         figure.legend(list(named.values()), list(named), loc="outside lower left", ncols=ncols)
 
 
-def method_legend(ax: Axes, methods: Sequence[str]) -> None:
-    """Name methods in the legend, by lines without points."""
-    for method in methods:
+def method_legend(ax: Axes, records: Sequence[Any]) -> None:
+    """Name the methods of records in the legend, by lines without points."""
+    for method in present(METHODS, records, "method"):
         ax.plot([], [], color=COLOURS[method], linewidth=3, label=METHOD_NAMES[method])
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from percept.inference.record import percent
 from percept.report.basics import METHOD_NAMES, matching
-from percept.report.biases import drawn_said, foremost
+from percept.report.biases import drawn_said
 from percept.report.figures.canvas import (
     COLOURS,
     LEGEND_HEIGHT,
@@ -45,7 +45,7 @@ def draw_couplings(
     couplings: EnvironmentCouplings,
     *,
     decision: float,
-    used: tuple[float, float] | None = None,
+    used: Coupling | None = None,
 ) -> None:
     """Draw how probably couplings that can be rendered feel real, by stiffness and damping.
 
@@ -57,8 +57,8 @@ def draw_couplings(
         The map, and its ends.
     decision : float
         Probability from which a coupling feels real.
-    used : tuple of float, optional
-        Stiffness (N/m) and damping (N·s/m) of the coupling in use, which the axes then hold.
+    used : Coupling, optional
+        The coupling in use, which the axes then hold.
     """
     stiffness = couplings.stiffness / _KILO
     lines = np.broadcast_to(couplings.damping[:, None], stiffness.shape)
@@ -86,7 +86,7 @@ def draw_couplings(
             place = ([end.stiffness / _KILO], [end.damping])
             ax.plot(*place, "o", markersize=3.5, color=colour, label=label)
     if used is not None:
-        place = ([used[0] / _KILO], [used[1]])
+        place = ([used.stiffness / _KILO], [used.damping])
         ax.plot(*place, "X", markersize=5, color=COLOURS["warn"], label="coupling in use")
     ax.set_xscale("log")
     ax.autoscale()
@@ -99,19 +99,15 @@ def draw_couplings(
 def design_drawings(results: Results) -> list[Drawing]:
     """Return the maps of environments for which some coupling surely feels real."""
     design = results.design
-    shown = foremost(results)
     maps = matching(design.environments if design else (), outcome="some")
-    maps = [one for one in maps if one.name in shown]
     if design is None or not maps:
         return []
     decision = design.decision
-    coupling = results.provenance.scene.get("coupling")
-    used = (coupling["stiffness"], coupling["damping"]) if coupling else None
     names = [one.name for one in maps]
     columns = min(len(maps), 2 if len(maps) <= _MOST_WIDE else 3)
 
     def draw_one(ax: Axes, index: int) -> None:
-        draw_couplings(ax, maps[index], decision=decision, used=used)
+        draw_couplings(ax, maps[index], decision=decision, used=results.coupling)
 
     shades = ", ".join(f"{100 * shade:.0f}" for shade in _SHADES)
     return [

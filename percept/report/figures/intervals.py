@@ -110,7 +110,7 @@ def draw_intervals(
             row.method,
             width=_THICKNESS[row.kind],
         )
-    method_legend(ax, present(METHODS, rows, "method"))
+    method_legend(ax, rows)
     names = {
         "mean": f"average {words.user}",
         "user": f"next {words.user}",
@@ -226,7 +226,7 @@ def _draw_levels(figure: Figure, rows: Sequence[LevelValues], results: Results) 
         place = levels.index(row.second) + _BESIDE[row.method]
         limits = [scale * row.lower, scale * row.upper]
         draw_interval(ax, place, limits, scale * row.estimate, row.method, upright=True)
-    method_legend(ax, present(METHODS, means, "method"))
+    method_legend(ax, means)
     log = is_ratio(means[0])
     if log:
         log_scale(ax, "y", plain=True)
