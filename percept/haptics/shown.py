@@ -146,11 +146,12 @@ def _resonances(display: Display, stiffness: Side) -> tuple[Mode, ...]:
     """Return what the masses of device and environment make with the springs shown."""
     environment = display.environment
     device = display.loop.device
-    mass = float(getattr(device, "mass", 0.0)) + float(environment.mass)
-    damping = float(getattr(device, "damping", 0.0)) + float(environment.damping)
-    to_ground = float(getattr(device, "stiffness", 0.0))
-    springs = [float(environment.stiffness), *np.maximum(stiffness, 0.0).tolist()]
-    modes = [Mode(mass, to_ground + spring, damping) for spring in springs]
+    # A table's rows are on the grid already.
+    rigid = device if isinstance(device, Device) else Device(0.0, 0.0)
+    mass = rigid.mass + environment.mass
+    damping = rigid.damping + environment.damping
+    springs = [environment.stiffness, *np.maximum(stiffness, 0.0).tolist()]
+    modes = [Mode(mass, rigid.stiffness + spring, damping) for spring in springs]
     return (*modes, *_behind_coupling(display))
 
 
@@ -160,6 +161,6 @@ def _behind_coupling(display: Display) -> tuple[Mode, ...]:
     coupling = display.coupling
     if coupling is None:
         return ()
-    stiffness = np.add(environment.stiffness, coupling.stiffness)
-    damping = np.add(environment.damping, coupling.damping)
+    stiffness = environment.stiffness + coupling.stiffness
+    damping = environment.damping + coupling.damping
     return (Mode(environment.mass, stiffness, damping),)

@@ -159,9 +159,9 @@ def overview_drawings(results: Results) -> list[Drawing]:
     if not environments:
         return []
     words = results.data.words
-    kinds = [kind for kind in ("mean", "user") if matching(results.intervals, kind=kind)]
+    kinds = present(("mean", "user"), results.intervals, "kind") or ["share"]
     shown = []
-    for kind, method in product(kinds or ["share"], METHODS):
+    for kind, method in product(kinds, METHODS):
         biases = biases_of(results, kind=kind, method=method)
         shown += [bias for bias in biases if bias.environment in environments]
     names = distinct(shown, "parameter")
