@@ -87,11 +87,12 @@ def biases_among(
         if reference is None:
             continue
         numbers = np.array([row.estimate, row.lower, row.upper])
-        off = numbers / reference - 1.0
-        style = "bias"
         if row.parameter in absolute:
             off = numbers - reference
             style = "difference" if quantities[row.parameter].is_matched else "plain"
+        else:
+            off = numbers / reference - 1.0
+            style = "bias"
         estimate, lower, upper = off.tolist()
         bias = Bias(
             estimate,

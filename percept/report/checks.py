@@ -296,10 +296,11 @@ def _settings(results: Results) -> Table:
     """Return every setting that is not the default."""
     scene = Scene(**results.provenance.scene)
     changed = scene.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
-    lines: list[list[Cell]] = []
+    lines: list[tuple[str, str]] = []
     for table, entries in changed.items():
-        lines += [[(f"{table}.{key}",), (str(setting),)] for key, setting in entries.items()]
-    return Table("The scene, where it differs from the defaults.", ["Key", "Value"], lines)
+        lines += [(f"{table}.{key}", str(setting)) for key, setting in entries.items()]
+    columns: Columns = {"Key": of("0"), "Value": of("1")}
+    return table_of("The scene, where it differs from the defaults.", lines, columns)
 
 
 def _skipped(results: Results) -> list[str]:

@@ -18,6 +18,7 @@ from percept.report.basics import (
     distinct,
     family_of,
     gives_means,
+    grouped,
     listed,
     makes_impedance,
     matching,
@@ -134,15 +135,15 @@ def _design(results: Results) -> tuple[str, list[str]]:
     every = matching(results.levels, parameter=results.data.parameters[0])
     within = []
     groups = []
-    for factor in distinct(every, "factor"):
-        levels = matching(every, factor=factor, environment=None)
+    for factor, rows in grouped(every, "factor").items():
+        levels = matching(rows, environment=None)
         if levels and levels[0].within:
             within.append(f"{len(levels)} levels of {factor}")
             continue
         sizes = []
         for row in levels:
             # Some subjects lack references, and so an overall value.
-            chosen = matching(every, factor=factor, level=row.level)
+            chosen = matching(rows, level=row.level)
             values = zip(*(one.values for one in chosen), strict=True)
             count = sum(any(one is not None for one in of_subject) for of_subject in values)
             sizes.append(f"{row.level} {count}")

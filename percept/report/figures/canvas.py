@@ -189,7 +189,7 @@ _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ufffe\uffff]")
 
 
 def draw_all(
-    drawings: Iterable[Drawing], folder: Path, *, formats: Sequence[str] = ("svg",)
+    drawings: Iterable[Drawing], folder: Path, *, formats: Sequence[str]
 ) -> dict[str, Plot]:
     """Draw figures, write their files, and return them by name."""
     plots = {}
