@@ -36,6 +36,7 @@ from percept.report.basics import (
 )
 from percept.report.biases import drawn_said
 from percept.results import (
+    Band,
     BandLaw,
     BandPair,
     Results,
@@ -209,21 +210,21 @@ def _short(value: Any) -> Any:
 
 def _bands(results: Results) -> list[Section]:
     """Return a part on the band of the impedance, or of each quantity."""
-    if results.band is None or not results.band.rows:
+    band = results.band
+    if band is None:
         return []
-    return [_band(results, name) for name in distinct(results.band.rows, "parameter")]
+    return [_band(results, band, name) for name in distinct(band.rows, "parameter")]
 
 
-def _band(results: Results, parameter: str | None) -> Section:
+def _band(results: Results, band: Band, parameter: str | None) -> Section:
     """Return how wide the bands of one quantity are, and which law they follow."""
-    assert results.band is not None
     words = results.data.words
     chosen = {"family": family_of(results), "parameter": parameter}
-    rows = matching(results.band.rows, **chosen)
-    laws = matching(results.band.laws, **chosen)
+    rows = matching(band.rows, **chosen)
+    laws = matching(band.laws, **chosen)
     if parameter is None:
         name, what, symbol, unit = "band", "|Z_e|", "|Z_e|", "N·s/m"
-        at = f" at {results.band.omega:g} rad/s, without the device"
+        at = f" at {band.omega:g} rad/s, without the device"
     else:
         quantity = results.data.quantities[parameter]
         name, what, symbol, unit = f"band_{parameter}", quantity.words, "reference", quantity.unit
@@ -252,15 +253,14 @@ def _band(results: Results, parameter: str | None) -> Section:
         [
             table_of(caption, distinct(rows, "environment"), columns, name=name, csv="band"),
             _law_table(laws, symbol, words.environment),
-            _trend(results, parameter),
+            _trend(band, parameter),
         ],
         figures=[name],
     )
 
 
-def _trend(results: Results, parameter: str | None) -> Table:
+def _trend(band: Band, parameter: str | None) -> Table:
     """Return the hierarchical model's own trend of spreads over references."""
-    rows = results.band.kappa if results.band and results.band.kappa else ()
     columns: Columns = {
         "Quantity": of("parameter"),
         "κ": of("value", 3),
@@ -272,7 +272,7 @@ def _trend(results: Results, parameter: str | None) -> Table:
         "Trend κ of the model: change of the logarithm of the relative spread per decade of the"
         " reference. Weber’s law is κ = 0."
     )
-    chosen = [row for row in rows if parameter in (None, row.parameter)]
+    chosen = [row for row in band.kappa or () if parameter in (None, row.parameter)]
     return table_of(caption, chosen, columns)
 
 

@@ -314,17 +314,17 @@ def _displayed(results: Results) -> Iterator[str]:
 
 
 @cache
-def _references() -> tuple[Reference, ...]:
-    """Return works to cite, in order."""
+def _references() -> dict[str, Reference]:
+    """Return works to cite, by their keys."""
     text = resources.files("percept.report").joinpath("references.toml").read_text(encoding="utf-8")
     tables = tomllib.loads(text.replace("{version}", __version__))
-    return tuple(Reference(key, **table) for key, table in tables.items())
+    return {key: Reference(key, **table) for key, table in tables.items()}
 
 
 def cited(results: Results) -> list[Reference]:
     """Return what the methods paragraph of results cites, in order."""
     keys = dict.fromkeys(_KEY.findall(" ".join(methods_paragraph(results))))
-    works = {reference.key: reference for reference in _references()}
+    works = _references()
     return [works[key] for key in keys if key in works]
 
 

@@ -224,9 +224,9 @@ def band_drawings(results: Results) -> list[Drawing]:
     if band is None:
         return []
     drawings = []
-    for parameter in distinct(band.rows, "parameter"):
-        sizes = distinct(matching(band.rows, parameter=parameter), size_name(parameter))
-        if len(sizes) > 1:  # Levels of a factor may have one reference
+    for parameter, rows in grouped(band.rows, "parameter").items():
+        # Levels of a factor may have one reference.
+        if len(distinct(rows, size_name(parameter))) > 1:
             drawings.append(_band_drawing(results, band, parameter))
     return drawings
 

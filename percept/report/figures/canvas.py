@@ -20,6 +20,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogLocator
+from numpy.typing import NDArray
 
 from percept.report.basics import METHOD_NAMES, METHODS, SUPERSCRIPT, Plot, present
 
@@ -139,7 +140,7 @@ def method_legend(ax: Axes, records: Sequence[Any]) -> None:
 def draw_interval(
     ax: Axes,
     place: float,
-    limits: Iterable[float],
+    limits: Sequence[float] | NDArray[np.float64],
     estimate: float | None,
     method: str,
     *,
@@ -147,12 +148,12 @@ def draw_interval(
     upright: bool = False,
 ) -> None:
     """Draw an interval as a bar, and its estimate as a mark if there is one."""
-    along = list(limits)
     beside = [place, place]
     colour = COLOURS[method]
-    ax.plot(*((beside, along) if upright else (along, beside)), color=colour, linewidth=width)
+    bar = (beside, limits) if upright else (limits, beside)
+    ax.plot(*bar, color=colour, linewidth=width)
     if estimate is not None:
-        at = ([place], [estimate]) if upright else ([estimate], [place])
+        at = (place, estimate) if upright else (estimate, place)
         ax.plot(
             *at,
             MARKERS[method],

@@ -45,7 +45,7 @@ def draw_couplings(
     couplings: EnvironmentCouplings,
     *,
     decision: float,
-    used: Coupling | None = None,
+    used: Coupling | None,
 ) -> None:
     """Draw how probably couplings that can be rendered feel real, by stiffness and damping.
 
@@ -57,7 +57,7 @@ def draw_couplings(
         The map, and its ends.
     decision : float
         Probability from which a coupling feels real.
-    used : Coupling, optional
+    used : Coupling or None
         The coupling in use, which the axes then hold.
     """
     stiffness = couplings.stiffness / _KILO
@@ -83,10 +83,10 @@ def draw_couplings(
     for end in (couplings.stiffest, couplings.softest):
         if end is not None:
             label = "stiffest and softest that feel real"
-            place = ([end.stiffness / _KILO], [end.damping])
+            place = (end.stiffness / _KILO, end.damping)
             ax.plot(*place, "o", markersize=3.5, color=colour, label=label)
     if used is not None:
-        place = ([used.stiffness / _KILO], [used.damping])
+        place = (used.stiffness / _KILO, used.damping)
         ax.plot(*place, "X", markersize=5, color=COLOURS["warn"], label="coupling in use")
     ax.set_xscale("log")
     ax.autoscale()
@@ -191,7 +191,7 @@ def draw_stability(ax: Axes, coupling: Coupling) -> None:
     ax.plot(omega, coupling.admittance, color=colour, linestyle="--", label=label)
     if omega[0] <= binding <= omega[-1]:
         reached = np.interp(binding, omega, coupling.admittance)
-        ax.plot([binding], [reached], "o", markersize=5, color=colour)
+        ax.plot(binding, reached, "o", markersize=5, color=colour)
     log_scale(ax)
     ax.set_xlim(omega[0], omega[-1])
     ax.set_xlabel("ω (rad/s)")
