@@ -141,7 +141,7 @@ def test_ratios_are_the_boundaries_over_the_reference(both):
 
 def test_the_axes_of_couplings_hold_the_one_in_use_and_only_decided_walls_are_drawn(both):
     document = copy.deepcopy(both)
-    document["provenance"]["scene"]["coupling"] = {"stiffness": 9e6, "damping": 2e5}
+    document["coupling"] |= {"stiffness": 9e6, "damping": 2e5}
     (design,) = [one for one in drawings_of(document) if one.name == "design"]
     figure = drawn_on(design)
     found = [row["name"] for row in both["design"]["environments"] if row["outcome"] == "some"]
