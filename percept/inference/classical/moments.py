@@ -231,7 +231,7 @@ def subject_means(
     by_subject: dict[Any, list[float]] = {}
     for name, response in zip(np.asarray(subjects).tolist(), responses.tolist(), strict=True):
         by_subject.setdefault(name, []).append(response)
-    # The sum is rounded once. `statistics.mean` rounds the mean once too, and takes ten times as long.
+    # The sum is rounded once. `statistics.mean` does so too, and takes ten times as long.
     means = np.array([math.fsum(own) / len(own) for own in by_subject.values()])
     return np.exp(means) if log else means
 
