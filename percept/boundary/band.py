@@ -20,17 +20,6 @@ from percept.searches import secant_root
 
 Array = NDArray[np.float64]
 
-__all__ = [
-    "LAWS",
-    "BandOwner",
-    "band_laws",
-    "determines_laws",
-    "fit_law",
-    "law_band",
-    "leave_one_out",
-    "size_name",
-]
-
 #: Parameters of each law, in order.
 LAWS: dict[str, tuple[str, ...]] = {"weber": ("w",), "offset": ("c", "w"), "power": ("w", "p")}
 _NAMES = {"weber": "Weber's law", "offset": "the law with an offset", "power": "the power law"}

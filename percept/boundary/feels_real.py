@@ -29,21 +29,6 @@ from percept.haptics.perceived import Display, DistancePlane, displayed
 from percept.haptics.shown import shown_limits
 from percept.searches import section_minimum
 
-__all__ = [
-    "CENTRALS",
-    "FEWEST_FOR_MAGNITUDE",
-    "MAP_DRAWS",
-    "Evidence",
-    "Feeling",
-    "Scores",
-    "feels_real",
-    "judge",
-    "plane_scores",
-    "search_grid",
-    "search_scores",
-    "share_error",
-]
-
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
@@ -317,8 +302,6 @@ def _typical_peaks(display: Display, users: Users, omega: Array) -> Array:
     typical = users.typical()
     at_omega, integrals, _ = search_scores(display, typical, omega, np.empty(0))
     draw, index = np.nonzero(np.isfinite(_reach(at_omega, omega[None])))
-    if not draw.size:
-        return np.empty(0)
     _, found = _peaks(display, typical, omega, (draw, index), integrals)
     return found
 

@@ -28,17 +28,6 @@ from percept.inference.record import Family
 from percept.inference.regions import EllipseRegion
 from percept.inference.sampling.endpoints import mixture_limits
 
-__all__ = [
-    "BEYOND",
-    "Axis",
-    "PairLaw",
-    "Points",
-    "between",
-    "cell_and_fraction",
-    "confidence_law",
-    "mixture_law",
-]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -310,7 +299,7 @@ def _mixture_density(normals: _Normals, sizes: Indices, axes: tuple[Axis, Axis])
     """Sum the densities of S normals batch by batch, (B, K, L), on the axes' grids."""
     k = np.sinh(axes[0].grid)
     b = np.sinh(axes[1].grid)
-    precision = 1.0 / np.sqrt(normals.remainder)
+    precision = np.sqrt(0.5 / normals.remainder)
     log_height = -0.5 * np.log(normals.b_variance * normals.remainder)
     ends = np.cumsum(sizes)
     starts = ends - sizes
@@ -326,8 +315,7 @@ def _mixture_density(normals: _Normals, sizes: Indices, axes: tuple[Axis, Axis])
             log_of_b = log_height - 0.5 * off * off / normals.b_variance
             np.subtract(scaled, k_given_b.astype(np.float32), out=terms)
             terms *= terms
-            terms *= np.float32(-0.5)
-            terms += log_of_b.astype(np.float32)
+            np.subtract(log_of_b.astype(np.float32), terms, out=terms)
             np.maximum(terms, _LEAST_LOG_DENSITY, out=terms)
             np.exp(terms, out=terms)
             sums = np.add.reduceat(terms, starts, axis=1)

@@ -35,14 +35,6 @@ from percept.haptics.perceived import perceived_magnitude
 from percept.haptics.records import AnyDevice, Device
 from percept.searches import rising_root
 
-__all__ = [
-    "Magnitude",
-    "MagnitudeLimits",
-    "SimultaneousScore",
-    "level_of",
-    "relative_error",
-]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -218,7 +210,8 @@ class Magnitude:
         below = self._curves.below
         beyond = np.minimum(below, 1.0 - below)
         frequency = beyond.argmin(axis=0)
-        farthest = -special.ndtri(np.maximum(beyond.min(axis=0), _LEAST_PROBABILITY))
+        least = np.maximum(beyond.min(axis=0), _LEAST_PROBABILITY)
+        farthest = -special.ndtri(least)
         upper = np.take_along_axis(below, frequency[None], axis=0)[0] > 0.5
         order = farthest.argsort()
         held = np.cumsum(points.probability[order])
@@ -338,7 +331,9 @@ class Magnitude:
         change = points.by_batch - points.probability[:, None]
         below = self._curves.below
         # A batch that holds more moves the lower limit down and so out, the upper one in.
-        more = [(below < special.ndtr(-score)) @ change, (below > special.ndtr(score)) @ change]
+        below_lower = below < special.ndtr(-score)
+        above_upper = below > special.ndtr(score)
+        more = [below_lower @ change, above_upper @ change]
         return np.array(more) / _density(score)
 
 

@@ -17,19 +17,6 @@ from scipy import special
 
 from percept.haptics.perceived import Boxes, DistancePlane, Range
 
-__all__ = [
-    "DAMPING",
-    "LEAST",
-    "STIFFNESS",
-    "DiscIntegral",
-    "Users",
-    "chosen_integrals",
-    "score_of",
-    "share_within",
-    "shares_at_frequencies",
-    "shares_of_cells",
-]
-
 Array = NDArray[np.float64]
 #: Rows of a population's mean and SD.
 STIFFNESS = 0
@@ -256,23 +243,16 @@ def _chord(
     outer_leg = outer.term_at(score, log=users.log)
     rest = radius - outer_leg
     square = rest * (radius + outer_leg)
-    half_chord = np.sqrt(np.maximum(square, 0.0)) / inner.gain
-    middle = -inner.offset / inner.gain
+    leg = np.sqrt(np.maximum(square, 0.0))
     correlation = users.correlation[..., None]
     remainder = (1.0 - correlation) * (1.0 + correlation)
-    sd_given_outer = inner.sd * np.sqrt(remainder)
-    mean_given_outer = inner.mean + (correlation * inner.sd) * score
-    shares = []
-    for value in (middle - half_chord, middle + half_chord):
-        if users.log:
-            positive = np.maximum(value, LEAST)
-            value = np.log(positive)
-        off = value - mean_given_outer
-        score_given_outer = off / sd_given_outer
-        share = special.ndtr(score_given_outer)
-        shares.append(share)
-    below_first, below_second = shares
-    return np.abs(below_second - below_first)
+    given_outer = inner._replace(
+        mean=inner.mean + (correlation * inner.sd) * score,
+        sd=inner.sd * np.sqrt(remainder),
+    )
+    first = given_outer.score_at(-leg, log=users.log)
+    second = given_outer.score_at(leg, log=users.log)
+    return np.abs(special.ndtr(second) - special.ndtr(first))
 
 
 def shares_of_cells(
