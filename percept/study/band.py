@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -126,17 +127,14 @@ def _band_of(banded: Banded, of_parameter: str) -> Iterator[Banded | Skipped]:
 def classical_replicates(data: Data, banded: Sequence[Banded]) -> Replicates:
     """Simulate the means and SDs that other studies of these users would find, and their limits."""
     rng = generator(data.asked.seed, Stream.CLASSICAL_BANDS)
+    sized = {environment for one_band in banded for environment in one_band.size}
     replicates: Replicates = {}
     for family in FAMILIES:
         moments = data.moments(family)
-        needed: set[tuple[str, str]] = set()
-        for one_band in banded:
-            for of_environment in one_band.cells(moments).values():
-                needed.update(of_environment)
         replicates["classical", family] = {
-            cell: _redrawn_limits(moments[cell], family, data.asked, rng)
-            for cell in moments
-            if cell in needed
+            (parameter, environment): _redrawn_limits(of_cell, family, data.asked, rng)
+            for (parameter, environment), of_cell in moments.items()
+            if environment in sized
         }
     return replicates
 
@@ -189,77 +187,63 @@ def band_study(
         replicates |= classical_replicates(data, banded)
     if fit is not None:
         replicates |= posterior_replicates(fit, asked)
+    tails = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]
     rows_of_all: list[BandRow] = []
     laws: list[BandLaw] = []
-    for one_band in banded:
-        rows_of_band = list(_rows(intervals, one_band))
-        ends: dict[tuple[str, Method, Family], Array] = {}
-        for (method, family), limits in replicates.items():
-            rows_of_method = [
-                row for row in rows_of_band if (row.method, row.family) == (method, family)
+    for one_band, (method, family) in itertools.product(banded, replicates):
+        owner = BandOwner(method=method, family=family, parameter=one_band.parameter)
+        rows = list(_rows(intervals, one_band, owner))
+        environments = tuple(row.environment for row in rows)
+        sizes = np.array([one_band.size[name] for name in environments])
+        bands = np.array([row.band for row in rows])
+        drawn_ends = one_band.ends(replicates[method, family])
+        # Of a family that no environment has an interval of, there is nothing to fit.
+        if (
+            environments == tuple(drawn_ends)
+            and determines_laws(sizes)
+            and np.isfinite(bands).all()
+        ):
+            redrawn = np.stack([upper - lower for lower, upper in drawn_ends.values()], axis=1)
+            ends = np.quantile(redrawn, tails, axis=0).T.tolist()
+            rows = [
+                dataclasses.replace(row, band_lower=lower, band_upper=upper)
+                for row, (lower, upper) in zip(rows, ends, strict=True)
             ]
-            drawn_ends = one_band.ends(limits)
-            environments = tuple(row.environment for row in rows_of_method)
-            sizes = np.array([one_band.size[name] for name in environments])
-            # Of a family that no environment has an interval of, there is nothing to fit.
-            if (
-                not rows_of_method
-                or environments != tuple(drawn_ends)
-                or not determines_laws(sizes)
-                or any(np.isinf(row.band) for row in rows_of_method)
-            ):
-                continue
-            widths = [upper - lower for lower, upper in drawn_ends.values()]
-            redrawn = np.stack(widths, axis=1)
-            tails = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]
-            for name, band_ends in zip(
-                environments, np.quantile(redrawn, tails, axis=0).T, strict=True
-            ):
-                ends[name, method, family] = band_ends
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's
             # bands.
-            bands = None if method == "bayesian" else np.array([row.band for row in rows_of_method])
-            owner = BandOwner(method=method, family=family, parameter=one_band.parameter)
-            laws += band_laws(environments, sizes, bands, redrawn, owner, level=asked.level)
-        for row in rows_of_band:
-            ends_of_row = ends.get((row.environment, row.method, row.family))
-            if ends_of_row is not None:
-                row = dataclasses.replace(
-                    row, band_lower=float(ends_of_row[0]), band_upper=float(ends_of_row[1])
-                )
-            rows_of_all.append(row)
+            own = None if method == "bayesian" else bands
+            laws += band_laws(environments, sizes, own, redrawn, owner, level=asked.level)
+        rows_of_all += rows
     trends = None if fit is None else weber_trend(fit, level=asked.level)
     return Band(banded[0].omega, tuple(rows_of_all), tuple(laws), trends)
 
 
-def _rows(intervals: Sequence[IntervalRow], banded: Banded) -> Iterator[BandRow]:
-    """Yield the band of users of each environment, method and family that has all its limits."""
-    users: dict[tuple[str, Method, Family], dict[tuple[str, str], tuple[Array, Array]]] = {}
-    for row in intervals:
-        if row.joint == "marginal" and row.kind == "user":
-            limits = users.setdefault((row.environment, row.method, row.family), {})
-            cell = row.parameter, row.environment
-            limits[cell] = np.asarray(row.lower), np.asarray(row.upper)
-    for (_, method, family), of_users in users.items():
-        for environment, (lower, upper) in banded.ends(of_users).items():
-            size = banded.size[environment]
-            sides = np.array([of_users[cell] for cell in banded.cells(of_users)[environment]])
-            if np.abs(sides).max() >= BEYOND:
-                # Of two or three subjects the logarithms leave a limit open.
-                upper = np.array(np.inf)
-            band = float(upper) - float(lower)
-            yield BandRow(
-                environment=environment,
-                method=method,
-                family=family,
-                parameter=banded.parameter,
-                impedance=size if banded.parameter is None else None,
-                reference=None if banded.parameter is None else size,
-                lower=float(lower),
-                upper=float(upper),
-                band=band,
-                relative=band / size,
-            )
+def _rows(intervals: Sequence[IntervalRow], banded: Banded, owner: BandOwner) -> Iterator[BandRow]:
+    """Yield the band of users of each environment that has all its limits."""
+    users: CellLimits = {
+        (row.parameter, row.environment): (np.asarray(row.lower), np.asarray(row.upper))
+        for row in intervals
+        if (row.method, row.family) == (owner.method, owner.family)
+        and (row.kind, row.joint) == ("user", "marginal")
+    }
+    cells = banded.cells(users)
+    for environment, (lower, upper) in banded.ends(users).items():
+        size = banded.size[environment]
+        sides = np.array([users[cell] for cell in cells[environment]])
+        if np.abs(sides).max() >= BEYOND:
+            # Of two or three subjects the logarithms leave a limit open.
+            upper = np.array(np.inf)
+        band = float(upper) - float(lower)
+        yield BandRow(
+            **vars(owner),
+            environment=environment,
+            impedance=size if banded.parameter is None else None,
+            reference=None if banded.parameter is None else size,
+            lower=float(lower),
+            upper=float(upper),
+            band=band,
+            relative=band / size,
+        )
 
 
 def weber_trend(fit: Fit, *, level: float) -> tuple[WeberTrend, ...] | None:

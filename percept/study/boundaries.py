@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 import numpy as np
 
@@ -34,99 +34,65 @@ class _Frame:
     reference: Array  # (M,) abs(Z_h) of the reference, N·s/m
     coupled: Array | None  # (M,) through the coupling, N·s/m
 
+    @classmethod
+    def of(cls, setup: Setup, environment: str, omega: Array) -> _Frame:
+        """Take an environment at frequencies, rad/s."""
+        reference = setup.curve(environment, omega, coupled=False)
+        coupled = None
+        if setup.coupling is not None:
+            coupled = setup.curve(environment, omega, coupled=True)
+        return cls(omega, reference, coupled)
 
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class BoundaryDrawing:
-    """Boundaries of environments over a range, each environment's on one grid of its own.
+    """Boundaries of environments over a range, each environment's on one grid of its own."""
 
-    Parameters
-    ----------
-    setup : Setup
-        Device, coupling and references.
-    regions : collection of Region
-        What corner curves and envelopes go around.
-    laws : collection of Law
-        What pointwise and simultaneous limits come from.
-    table : FrequencyTable
-        The scene's range of omega.
-    tolerance : float
-        Monte Carlo error that the scene asks for, as a fraction of a half-width.
-    """
+    setup: Setup
+    regions: Collection[Region]  # What corner curves and envelopes go around
+    laws: Collection[Law]  # What pointwise and simultaneous limits come from
+    table: FrequencyTable
+    tolerance: float  # Monte Carlo error that the scene asks for, as a fraction of a half-width
 
-    def __init__(
-        self,
-        setup: Setup,
-        regions: Collection[Region],
-        laws: Collection[Law],
-        table: FrequencyTable,
-        tolerance: float,
-    ) -> None:
-        self._setup = setup
-        self._regions = regions
-        self._laws = laws
-        self._table = table
-        self._largest_error = _MOST_TOLERANCES * tolerance
-        self._skipped: dict[str, str] = {}
-
-    def drawn(self, environments: Collection[str]) -> Iterator[Boundary]:
-        """Yield all boundaries of environments, on grids of their own."""
+    def drawn(self, environments: Collection[str]) -> Iterator[Boundary | Skipped]:
+        """Yield all boundaries of environments, on grids of their own, and curves left out."""
         for environment in environments:
-            frame = self._frame(environment, self._grid(environment))
-            for region in self._regions:
+            frame = _Frame.of(self.setup, environment, self._grid(environment))
+            for region in self.regions:
                 if region.environment == environment:
                     yield from self._around(region, frame)
-            for law in self._laws:
+            for law in self.laws:
                 if law.environment == environment:
                     yield from self._of_law(law, frame)
 
-    def envelopes(self, omega: Array) -> Iterator[Boundary]:
-        """Yield exact envelopes of k and b each at its level, at frequencies (M,), rad/s."""
-        for region in self._regions:
-            if region.joint == "marginal":
-                frame = self._frame(region.environment, omega)
-                limits = MagnitudeLimits(*self._setup.outline(region, "envelope", omega))
-                yield _boundary(region, region.joint, "envelope", limits, frame)
-
-    @property
-    def skipped(self) -> list[Skipped]:
-        """Curves of laws that were asked for and are not drawn, and why."""
-        return [Skipped(what, why) for what, why in self._skipped.items()]
-
     def _grid(self, environment: str) -> Array:
         """Return frequencies, rad/s, dense about resonances unless the scene sets their number."""
-        lower = self._table.lower
-        upper = self._table.upper
-        if self._table.points:
-            return np.geomspace(lower, upper, self._table.points)
-        about_resonances = np.multiply.outer(self._setup.resonances(environment), _BESIDE)
+        lower = self.table.lower
+        upper = self.table.upper
+        if self.table.points:
+            return np.geomspace(lower, upper, self.table.points)
+        about_resonances = np.multiply.outer(self.setup.resonances(environment), _BESIDE)
         omega = log_grid((lower, upper), _PER_DECADE, about_resonances.ravel())
         # At a pole curves are infinite, and no line leads there.
-        finite = np.isfinite(self._setup.curve(environment, omega, coupled=False))
-        finite &= np.isfinite(self._setup.curve(environment, omega, coupled=True))
+        finite = np.isfinite(self.setup.curve(environment, omega, coupled=False))
+        finite &= np.isfinite(self.setup.curve(environment, omega, coupled=True))
         return omega[finite]
-
-    def _frame(self, environment: str, omega: Array) -> _Frame:
-        """Return what all curves of an environment share at frequencies, rad/s."""
-        reference = self._setup.curve(environment, omega, coupled=False)
-        coupled = None
-        if self._setup.coupling is not None:
-            coupled = self._setup.curve(environment, omega, coupled=True)
-        return _Frame(omega, reference, coupled)
 
     def _around(self, region: Region, frame: _Frame) -> Iterator[Boundary]:
         """Yield the curves around a region of (k, b)."""
         # An ellipse has no corners.
         shapes: tuple[Shape, ...] = ("corner", "envelope") if region.limits else ("envelope",)
         for shape in shapes:
-            limits = MagnitudeLimits(*self._setup.outline(region, shape, frame.omega), None)
+            limits = MagnitudeLimits(*self.setup.outline(region, shape, frame.omega))
             yield _boundary(region, region.joint, shape, limits, frame)
 
-    def _of_law(self, law: Law, frame: _Frame) -> Iterator[Boundary]:
+    def _of_law(self, law: Law, frame: _Frame) -> Iterator[Boundary | Skipped]:
         """Yield limits at single frequencies, and those between which whole curves lie.
 
         Bayesian limits average over the device's posterior. A classical level counts repetitions of
         the study, and a posterior has none.
         """
-        setup = self._setup
+        setup = self.setup
         bayesian = law.method == "bayesian"
         mass = float(setup.references[law.environment].mass)
         devices = setup.draws if bayesian else None
@@ -154,16 +120,25 @@ class BoundaryDrawing:
             found.append(boundary)
         except RefusalError as refusal:
             for shape in _LAW_SHAPES[len(found) :]:
-                self._skipped[_law_name(law, shape)] = refusal.message.removesuffix(".")
+                yield Skipped(_law_name(law, shape), refusal.message.removesuffix("."))
+        largest_error = _MOST_TOLERANCES * self.tolerance
         for boundary in found:
             error = boundary.error
-            if error is None or error <= self._largest_error:
+            if error is None or error <= largest_error:
                 yield boundary
                 continue
-            self._skipped[_law_name(law, boundary.shape)] = (
-                f"their Monte Carlo error is {error:.2g} of the half-width,"
-                f" and curves are drawn up to {self._largest_error:.2g}"
-            )
+            why = f"their Monte Carlo error is {error:.2g} of the half-width,"
+            why += f" and curves are drawn up to {largest_error:.2g}"
+            yield Skipped(_law_name(law, boundary.shape), why)
+
+
+def envelopes(setup: Setup, regions: Iterable[Region], omega: Array) -> Iterator[Boundary]:
+    """Yield exact envelopes of k and b each at its level, at frequencies (M,), rad/s."""
+    for region in regions:
+        if region.joint == "marginal":
+            frame = _Frame.of(setup, region.environment, omega)
+            limits = MagnitudeLimits(*setup.outline(region, "envelope", omega))
+            yield _boundary(region, region.joint, "envelope", limits, frame)
 
 
 def _boundary(

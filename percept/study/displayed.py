@@ -13,6 +13,7 @@ from percept.boundary.confidence import Subjects
 from percept.boundary.shares import Users
 from percept.errors import RefusalError, counted
 from percept.haptics.records import AnyDevice
+from percept.inference.record import Method
 from percept.results import (
     MOST_SHOWN,
     AdmissibleCouplings,
@@ -28,7 +29,7 @@ from percept.results import (
 )
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import Array, select
-from percept.study.boundaries import BoundaryDrawing, band_pairs
+from percept.study.boundaries import BoundaryDrawing, band_pairs, envelopes
 from percept.study.data import Data
 from percept.study.device import Setup, device_of, referenced, setup_of, study_coupling
 from percept.study.inferred import Inferred, part
@@ -118,41 +119,32 @@ class Displayed(Inferred):
             return tuple(claims)
         return of_family(claims, self.data.asked.family)
 
-    @cached_property
-    def _drawing(self) -> BoundaryDrawing | None:
-        if self.setup is None:
-            return None
-        return self._drawing_of(self.setup, self.regions, self.curve_laws)
-
-    def _drawing_of(
-        self, setup: Setup, regions: Sequence[Region], laws: Sequence[Law]
-    ) -> BoundaryDrawing:
-        tolerance = self.data.asked.tolerance
-        return BoundaryDrawing(setup, regions, laws, self.scene.frequency, tolerance)
-
-    @cached_property
-    def boundaries(self) -> tuple[Boundary, ...]:
+    @part
+    def boundaries(self) -> Iterator[Boundary | Skipped]:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without device, k or b.
 
         Of many environments they are of the first, as maps are; `boundaries_of` draws any.
         """
-        return self.boundaries_of(self._shown)
+        return self._curves_of(self._shown, self.curve_laws, self.regions)
 
     def boundaries_of(self, environments: Collection[str] | None = None) -> tuple[Boundary, ...]:
         """Boundaries of all environments, or of those named."""
-        environments = select("environment", environments, self.with_reference)
-        setup = self.setup
-        drawing = self._drawing
-        if setup is None or drawing is None:
-            return ()
-        if not set(environments) <= set(self._shown):
-            laws = self._laws_of(environments)
-            drawing = self._drawing_of(setup, self._regions_of(laws), laws)
-        return tuple(drawing.drawn(environments))
+        names = select("environment", environments, self.with_reference)
+        laws = self._laws_of(names)
+        found = self._curves_of(names, laws, self._regions_of(laws))
+        return tuple(one for one in found if isinstance(one, Boundary))
+
+    def _curves_of(
+        self, environments: Collection[str], laws: Sequence[Law], regions: Sequence[Region]
+    ) -> Iterator[Boundary | Skipped]:
+        if self.setup is not None:
+            tolerance = self.data.asked.tolerance
+            drawing = BoundaryDrawing(self.setup, regions, laws, self.scene.frequency, tolerance)
+            yield from drawing.drawn(environments)
 
     def envelopes_at(self, omega: Array) -> tuple[Boundary, ...]:
         """Exact envelopes at frequencies (M,), rad/s, of k and b each at its level."""
-        return () if self._drawing is None else tuple(self._drawing.envelopes(omega))
+        return () if self.setup is None else tuple(envelopes(self.setup, self.regions, omega))
 
     @property
     def curves(self) -> pd.DataFrame:
@@ -188,7 +180,7 @@ class Displayed(Inferred):
     @cached_property
     def band_pairs(self) -> tuple[BandPair, ...] | None:
         """How the methods' boundaries differ; None without both methods, and without a device."""
-        if self.comparison is None or self._drawing is None:
+        if self.comparison is None or self.setup is None:
             return None
         classical, bayesian = (
             [one for one in self.boundaries if one.method == method]
@@ -230,12 +222,12 @@ class Displayed(Inferred):
     @cached_property
     def map_users(self) -> MapUsers:
         """Draws of users behind maps: posterior ones, else fiducial ones of subjects."""
-        if self.users or self.setup is None or self.data.asked.method == "bayesian":
-            draws = {name: self.users[name] for name in self._shown if name in self.users}
-            return MapUsers(draws, "bayesian")
-        known = [(name, self.subjects.get(name)) for name in self._shown]
-        draws = {name: found.users for name, found in known if found and found.users}
-        return MapUsers(draws, "classical")
+        users = self.users
+        method: Method = "bayesian"
+        if not users and self.data.asked.method != "bayesian":
+            method = "classical"
+            users = {name: known.users for name, known in self.subjects.items() if known.users}
+        return MapUsers({name: users[name] for name in self._shown if name in users}, method)
 
     @cached_property
     def verdict_rows(self) -> tuple[Verdict, ...]:

@@ -129,7 +129,7 @@ def predict(
             errors.append(error)
         if data.is_impedance and data.sessions.form == "trials":
             laws += posterior_laws(name, users, batch, rows[-1].n, scale, data.asked)
-    boundaries: tuple[Boundary, ...] = ()
+    boundaries: list[Boundary] = []
     skipped: list[Skipped] = []
     if study.setup is not None:
         k, b = values.tolist()
@@ -138,13 +138,16 @@ def predict(
         regions = regions_of(rectangles(rows), laws, None, data.asked)
         tolerance = data.asked.tolerance
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, tolerance)
-        boundaries = tuple(drawing.drawn(expected))
-        skipped += drawing.skipped
+        for one in drawing.drawn(expected):
+            if isinstance(one, Skipped):
+                skipped.append(one)
+            else:
+                boundaries.append(one)
     return Prediction(
         environment=new_name(""),
         beyond=dict(zip(data.parameters, beyond.tolist(), strict=True)),
         intervals=pd.DataFrame(rows).assign(monte_carlo=errors),
-        boundaries=boundaries,
+        boundaries=tuple(boundaries),
         skipped=tuple(skipped),
         quantities=data.quantities,
     )

@@ -253,20 +253,23 @@ def _classical_laws(pairs: SubjectPairs, kinds: Sequence[LawKind], level: float)
 
 def _laws_of_fit(fit: Fit, asked: InferenceTable, environments: Collection[str]) -> Iterator[Law]:
     """Yield the laws of each environment, where one model has both quantities."""
-    parts = fit.model.split(fit.points)
-    if len(parts) != 1:
-        return
-    ((density, points),) = parts
     wanted = [name for name in fit.environments if name in environments]
-    is_wanted = np.isin(fit.environments, wanted)
-    rows = density.pair_rows[is_wanted]
-    pairs = density.joint(points, rows).apart()
+    if len(fit.model.parts) != 1 or not wanted:
+        return
     batch = fit.run.batches()
-    for environment, of_environment in zip(wanted, pairs, strict=True):
-        cells = [fit.column[parameter, environment] for parameter in ("k", "b")]
-        n = int(fit.counts[cells[0]])
-        scale = fit.scale.at(cells)
-        yield from posterior_laws(environment, of_environment, batch, n, scale, asked)
+    for environment, pairs, scale in pairs_of_fit(fit, fit.points, wanted):
+        n = int(fit.counts[fit.column["k", environment]])
+        yield from posterior_laws(environment, pairs, batch, n, scale, asked)
+
+
+def pairs_of_fit(
+    fit: Fit, points: Array, environments: Sequence[str]
+) -> Iterator[tuple[str, Joint, ResponseScale]]:
+    """Yield the laws of stiffness and damping of environments, as responses, and their scale."""
+    cells = [[fit.column[name, environment] for name in ("k", "b")] for environment in environments]
+    pairs = fit.model.joint(points, fit.model.cell_rows[np.array(cells)]).apart()
+    for environment, of_environment, columns in zip(environments, pairs, cells, strict=True):
+        yield environment, of_environment, fit.scale.at(columns)
 
 
 def posterior_laws(

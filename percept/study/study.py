@@ -121,7 +121,7 @@ class Study(Displayed):
     @property
     def skipped_rows(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
-        return (*self.skipped_before_curves, *self.skipped_curves)
+        return self.skipped_of(*_SKIPPING, "boundaries")
 
     @property
     def skipped_before_curves(self) -> tuple[Skipped, ...]:
@@ -131,8 +131,7 @@ class Study(Displayed):
     @property
     def skipped_curves(self) -> tuple[Skipped, ...]:
         """Which curves of laws were not drawn, and why."""
-        # Noted when boundaries are drawn.
-        return tuple(self._drawing.skipped) if self.boundaries and self._drawing else ()
+        return self.skipped_of("boundaries")
 
     def summary(self, kind: str | None = "user") -> pd.DataFrame:
         """Lay the intervals out wide: a row per environment, parameter and kind.

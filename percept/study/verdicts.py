@@ -39,7 +39,7 @@ from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator, known
 from percept.study.data import Data
 from percept.study.device import Setup
-from percept.study.regions import SubjectPairs
+from percept.study.regions import SubjectPairs, pairs_of_fit
 from percept.study.rendering import margins_of_draws
 
 if TYPE_CHECKING:
@@ -91,42 +91,15 @@ def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
     rng = generator(asked.seed, Stream.USERS)
     # These are `fit.shuffled`; normals follow them in the stream.
     points = rng.permutation(fit.points)[: len(fit.shuffled)]
-    models = fit.model.split(points)
-    draw = _joint_draws if len(models) == 1 else _separate_draws
     users = {}
-    for environment, mean, covariance in draw(fit, points, rng):
-        cells = [fit.column[name, environment] for name in _PARAMETERS]
-        origin = fit.scale.origin[cells]
-        unit = fit.scale.unit[cells]
-        centre = np.log(origin) if fit.scale.log else origin
-        population = np.multiply.outer(unit, unit) * covariance
-        users[environment] = Users.of(centre + unit * mean, population, log=fit.scale.log)
-    return users
-
-
-def _joint_draws(
-    fit: Fit, points: Array, rng: np.random.Generator
-) -> Iterator[tuple[str, Array, Array]]:
-    """Yield environment, mean (S, 2) and covariance (S, 2, 2) between users, as responses."""
-    ((model, coordinates),) = fit.model.split(points)
-    laws = model.joint(coordinates, model.pair_rows)
-    for j, environment in enumerate(fit.environments):
+    for environment, pairs, scale in pairs_of_fit(fit, points, fit.environments):
         normals = rng.standard_normal((len(points), 2, 1))
-        values, vectors = np.linalg.eigh(laws.location[:, j])
+        values, vectors = np.linalg.eigh(pairs.location[:, 0])
         root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-        mean = laws.mean[:, j] + (root @ normals)[..., 0]
-        yield environment, mean, laws.users[:, j]
-
-
-def _separate_draws(
-    fit: Fit, points: Array, rng: np.random.Generator
-) -> Iterator[tuple[str, Array, Array]]:
-    """Yield the same without correlation of stiffness and damping."""
-    means, _ = fit.model.draw(points, rng)
-    variances = fit.model.moments(points).population_sd ** 2
-    for environment in fit.environments:
-        cells = [fit.column[name, environment] for name in _PARAMETERS]
-        yield environment, means[:, cells], variances[:, cells][:, :, None] * np.eye(2)
+        mean = scale.centre + scale.unit * (pairs.mean[:, 0] + (root @ normals)[..., 0])
+        covariance = np.multiply.outer(scale.unit, scale.unit) * pairs.users[:, 0]
+        users[environment] = Users.of(mean, covariance, log=scale.log)
+    return users
 
 
 class MapUsers(NamedTuple):
