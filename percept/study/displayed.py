@@ -55,6 +55,8 @@ from percept.study.verdicts import (
     verdict_table,
 )
 
+#: Of a fit without rows that look mistyped: verdicts need its draws, and no accurate limits.
+_TOLERANCE = 0.05
 _LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
 _CURVES = ("omega", "lower", "upper", "reference", "coupled")
 
@@ -259,8 +261,10 @@ class Displayed(Inferred):
         doubted = {slip.row for slip in self.sessions.slips}
         kept = self.sessions.table.drop(index=list(doubted))
         sessions = dataclasses.replace(self.sessions, table=kept)
+        tolerance = max(_TOLERANCE, self.data.asked.tolerance)
+        scene = self.scene.with_inference(tolerance=tolerance)
         try:
-            return Displayed(Data(sessions, self.scene), self.progress, self.store).verdict_rows
+            return Displayed(Data(sessions, scene), self.progress, self.store).verdict_rows
         except RefusalError:
             return ()
 
