@@ -89,11 +89,6 @@ def encode(
     return Outcome(status, message, rows.to_csv(index=False, header=False, lineterminator="\n"))
 
 
-def _failed(study: str, key: str, error: Exception) -> Outcome:
-    """Encode the row of a study that met an error which is not about its data."""
-    return encode(study, key, "failed", f"{type(error).__name__}: {error}")
-
-
 @dataclass(frozen=True)
 class Job:
     """A study that was read: what a worker needs, wherever it runs."""
@@ -177,8 +172,6 @@ def analyse(job: Job) -> Outcome:
         fit = study.fit
     except PerceptError as error:
         return encode(job.name, job.key, "refused", str(error))
-    except Exception as error:  # noqa: BLE001 - it is this study's, and goes into its row
-        return _failed(job.name, job.key, error)
     rows = intervals.drop(columns="covers").assign(subjects=len(study.sessions.subjects))
     if fit is None:
         return encode(job.name, job.key, "done", "", rows)
@@ -291,7 +284,9 @@ def run_batch(
 
         for job, outcome in mapper(analyse, unfinished()):
             if isinstance(outcome, Exception):
-                outcome = _failed(job.name, job.key, outcome)
+                # It is not about the data.
+                why = f"{type(outcome).__name__}: {outcome}"
+                outcome = encode(job.name, job.key, "failed", why)
             finish(job.name, job.key, outcome)
         rows = _HEADER + "".join(outcomes[key].rows for key in keys)
         write_whole(summary.table, rows.encode())

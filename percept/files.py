@@ -19,9 +19,6 @@ from percept.errors import UsageError
 MARKER = ".percept"
 _HEADER = "# percept wrote these files. It replaces and removes them.\n"
 _ASIDE = ".percept-unfinished-"
-# s after which what lies aside, and no run holds, was left by a dead one: a run locks what it made
-# at once.
-_ABANDONED_AFTER = 60.0
 # s that a run waits for another one, which moves its files in less.
 _PATIENCE = 10.0
 # Beginnings of what a spreadsheet runs, spaces before them passed over; some take wide forms too.
@@ -37,34 +34,29 @@ def fits(name: str, patterns: Sequence[str]) -> bool:
     )
 
 
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Give a hidden name beside `path` to write to; at the end that file takes the place of `path`.
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that is never seen in part, whatever stops the process or the machine.
 
-    `path` is never seen in part, whatever stops the process or the machine: the bytes go to the
-    disk first.
+    A hidden file beside it takes its place, when the bytes are on the disk.
     """
     path = path.resolve()
-    _remove_abandoned(path.parent)
     aside = path.with_name(f"{_ASIDE}{secrets.token_hex(8)}")
-    # With the permissions any new file has, which `tempfile` would not give.
-    aside.touch(exist_ok=False)
     try:
-        with exclusive(aside):
-            yield aside
-            _sync(aside, os.O_RDWR)
-            aside.replace(path)
+        # With the permissions any new file has, which `tempfile` would not give.
+        with aside.open("xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        aside.replace(path)
     finally:
         with suppress(OSError):
             aside.unlink()  # still there only where it did not take the place
     with suppress(OSError):  # some network file systems, and Windows, refuse it for a folder
-        _sync(path.parent, os.O_RDONLY)
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file by `whole_file`."""
-    with whole_file(path) as aside:
-        aside.write_bytes(data)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def inert(text: str) -> str:
@@ -73,29 +65,12 @@ def inert(text: str) -> str:
     return f"'{text}" if runs else text
 
 
-def _remove_abandoned(folder: Path) -> None:
-    """Remove files and folders of dead runs; a living run holds a lock on its own."""
-    for path in folder.glob(f"{_ASIDE}*"):
-        with suppress(OSError, UsageError), exclusive(path, wait=False) as is_locked:
-            age = time.time() - path.stat().st_mtime
-            if is_locked and age > _ABANDONED_AFTER:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-
-
-def _sync(path: Path, mode: int) -> None:
-    handle = os.open(path, mode)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
 @contextmanager
-def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
-    """Hold a folder alone, among those who ask by this function; tell whether locks assure it.
+def exclusive(folder: Path, *, wait: bool = True) -> Iterator[None]:
+    """Hold a folder alone, among those who ask by this function.
 
     The operating system locks the folder itself, so the lock ends with the process however that
-    ends. Some file systems have no locks.
+    ends. Some file systems have no locks, and hold nobody up.
 
     Raises
     ------
@@ -103,22 +78,23 @@ def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
         Another run holds it; where this one waits, for 10 s.
     """
     if sys.platform == "win32":
-        yield False
+        yield
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
-        yield _is_locked(handle, folder, time.monotonic() + wait * _PATIENCE)
+        _lock(handle, folder, time.monotonic() + wait * _PATIENCE)
+        yield
     finally:
         os.close(handle)
 
 
-def _is_locked(handle: int, folder: Path, deadline: float) -> bool:
-    """Lock an open folder until a time of the monotonic clock; False where there are no locks."""
+def _lock(handle: int, folder: Path, deadline: float) -> None:
+    """Lock an open folder until a time of the monotonic clock, where there are locks."""
     import fcntl
 
     while True:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             if time.monotonic() >= deadline:
                 raise UsageError(
@@ -129,9 +105,7 @@ def _is_locked(handle: int, folder: Path, deadline: float) -> bool:
             time.sleep(0.05)
         except OSError:
             # Such as NFS before version 4.
-            return False
-        else:
-            return True
+            return
 
 
 @contextmanager
@@ -172,17 +146,15 @@ def filled_folder(
     place = out if out.is_dir() else out.parent
     try:
         place.mkdir(parents=True, exist_ok=True)
-        _remove_abandoned(place)
         aside = Path(tempfile.mkdtemp(prefix=_ASIDE, dir=place))
     except OSError as error:
         raise UsageError(f"cannot be written: {error.strerror}.", file=str(out_dir)) from error
     try:
-        with exclusive(aside):
-            yield aside
-            out.mkdir(exist_ok=True)
-            with exclusive(out):
-                refuse_foreign(out_dir, patterns, force=force)
-                _move(aside, out, patterns)
+        yield aside
+        out.mkdir(exist_ok=True)
+        with exclusive(out):
+            refuse_foreign(out_dir, patterns, force=force)
+            _move(aside, out, patterns)
     except OSError as error:
         if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
             raise

@@ -67,11 +67,7 @@ def in_process(
 ) -> Iterator[tuple[Given, Result | Exception]]:
     """Call a function in the process that asks, in order; see `Mapper`."""
     for argument in arguments:
-        try:
-            result: Result | Exception = function(argument)
-        except Exception as error:  # noqa: BLE001 - it is this argument's, and the others go on
-            result = error
-        yield argument, result
+        yield argument, _outcome(partial(function, argument))
 
 
 def processes(workers: int | None = None) -> Mapper:
@@ -124,7 +120,7 @@ def _map_on(
                 return
             for suspect in suspects:
                 with executor() as opened:
-                    yield suspect, _outcome(_submitted(opened, function, suspect))
+                    yield suspect, _outcome(_submitted(opened, function, suspect).result)
 
     return call
 
@@ -147,7 +143,7 @@ def _until_death(
             return suspects
         for future in wait(pending, return_when=FIRST_COMPLETED).done:
             argument = pending.pop(future)
-            outcome = _outcome(future)
+            outcome = _outcome(future.result)
             if isinstance(outcome, death):
                 suspects.append(argument)
             else:
@@ -166,10 +162,10 @@ def _submitted(
         return future
 
 
-def _outcome(future: Future[Result]) -> Result | Exception:
-    """Wait for a result or an error."""
+def _outcome(work: Callable[[], Result]) -> Result | Exception:
+    """Give a result or an error."""
     try:
-        return future.result()
+        return work()
     except Exception as error:  # noqa: BLE001 - it is this argument's, and the others go on
         return error
 

@@ -206,6 +206,11 @@ class Confidences:
     together: float | None  # That all parts hold at every omega
     together_error: float | None  # Its Monte Carlo standard error
 
+    @property
+    def probability(self) -> float:
+        """What is compared with the decision: the least confidence."""
+        return self.least
+
 
 @dataclass(frozen=True, kw_only=True)
 class MoreSubjects(NotebookRecord):

@@ -90,11 +90,10 @@ def with_band(data: Data, environments: Sequence[str]) -> Iterator[Banded | Skip
     reference = data.reference
     if data.is_impedance:
         omega = data.scene.frequency.read_at
-        size = {}
-        for environment in environments:
-            k = reference["k", environment]
-            b = reference["b", environment]
-            size[environment] = float(np.hypot(b, k / omega))
+        size = {
+            name: float(np.hypot(reference["b", name], reference["k", name] / omega))
+            for name in environments
+        }
         yield from _band_of(Banded(None, size, omega), "")
         return
     for parameter in data.parameters:

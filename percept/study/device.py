@@ -54,9 +54,8 @@ _MOST_DRAWS = 4096
 _FEWEST_DRAWS = 2
 #: Frequencies that Eq. 10 is drawn at: enough for a line without corners.
 _STABILITY_POINTS = 400
-#: The criterion is drawn from here on, rad/s, or from this fraction of Nyquist if that is less.
+#: The criterion is drawn from here on, rad/s: far below Nyquist, unless a period takes seconds.
 _LOWEST_OMEGA = 1.0
-_LOWEST_FRACTION = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -326,8 +325,7 @@ def study_coupling(
     if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]
     else:
-        lowest = min(_LOWEST_OMEGA, _LOWEST_FRACTION * nyquist)
-        omega = np.geomspace(lowest, nyquist, _STABILITY_POINTS)
+        omega = np.geomspace(_LOWEST_OMEGA, nyquist, _STABILITY_POINTS)
     return JudgedCoupling(
         stiffness=float(coupling.stiffness),
         damping=float(coupling.damping),

@@ -214,7 +214,7 @@ class Displayed(Inferred):
         """Posterior draws of the population of users by environment; empty without a passed fit."""
         if self.passed is None or self.setup is None:
             return {}
-        return posterior_users(self.passed, self.data.asked)
+        return posterior_users(self.passed)
 
     @cached_property
     def subjects(self) -> dict[str, Subjects]:

@@ -123,18 +123,20 @@ def _users_stiffnesses(
     return least, max(high, least)
 
 
-def _map_frequencies(setup: Setup, environment: str, users: Users, scene: Scene) -> Array:
+def _map_frequencies(
+    setup: Setup, environment: str, ends: tuple[float, float], scene: Scene
+) -> Array:
     """Return the frequencies, rad/s, of a map: even ones, and those at which users' walls resonate.
 
+    These walls are between two stiffnesses, N/m.
     Dips between them are not searched, so they are denser about resonances than `frequencies`.
     """
     resonances = setup.resonances(environment)
     if not isinstance(setup.loop.device, TabulatedDevice):
         # A table's rows are all there is to see; a mass resonates by the root of the stiffness.
-        ends = np.array(_users_stiffnesses(setup, environment, users, scene.verdict.central))
-        reference = float(setup.references[environment].stiffness)
-        lowest, highest = np.sqrt(ends / reference).tolist()
-        about = np.geomspace(lowest, highest, _ABOUT_RESONANCE)
+        about = np.sqrt(
+            np.geomspace(*ends, _ABOUT_RESONANCE) / setup.references[environment].stiffness
+        )
         resonances = np.multiply.outer(resonances, about).ravel()
     return log_grid((scene.frequency.lower, scene.frequency.upper), _PER_DECADE, resonances)
 
@@ -156,8 +158,8 @@ class _Map:
         self.users = users
         few_users = users.select(slice(MAP_DRAWS[0]))
         central = scene.verdict.central
-        softest, _ = _users_stiffnesses(setup, name, few_users, central)
-        omega = _map_frequencies(setup, name, few_users, scene)
+        ends = _users_stiffnesses(setup, name, few_users, central)
+        omega = _map_frequencies(setup, name, ends, scene)
         display = setup.display(name, coupled=True)
         most_users = users.select(slice(MAP_DRAWS[-1]))
         self.couplings = CouplingJudge(display, most_users, omega, central=central)
@@ -169,7 +171,7 @@ class _Map:
         limit *= 1.0 - _PULLED_IN
         self._limited = bool(limit[0] < _AT_EDGE * self._stable.rigid_stiffness)
         # A coupling as soft is too soft under every draw.
-        low = np.minimum(_SOFTER * softest, limit / _LEAST_SPAN)
+        low = np.minimum(_SOFTER * ends[0], limit / _LEAST_SPAN)
         self._stiffness = np.geomspace(low, limit, _STIFFNESSES).T
 
     def worked_out(self) -> EnvironmentCouplings:
@@ -236,19 +238,18 @@ class _Map:
     def _probable_end(self, end: End, wanted: float) -> Coupling | None:
         """Return the stiffest or the softest coupling on a line that is as probable as wanted."""
         enough = self.probability >= wanted
+        stiffness = self._stiffness
+        if end == "stiffest":
+            # From the outer end of each line.
+            enough = np.fliplr(enough)
+            stiffness = np.fliplr(stiffness)
         (lines,) = np.nonzero(enough.any(axis=1))
         if not lines.size:
             return None
         damping = self._damping[lines]
-        last_stiffness = self._stiffness.shape[1] - 1
-        if end == "stiffest":
-            inner = last_stiffness - enough[lines, ::-1].argmax(axis=1)
-            outer = np.minimum(inner + 1, last_stiffness)
-        else:
-            inner = enough[lines].argmax(axis=1)
-            outer = np.maximum(inner - 1, 0)
-        inside = self._stiffness[lines, inner]
-        outside = self._stiffness[lines, outer]
+        first = enough[lines].argmax(axis=1)
+        inside = stiffness[lines, first]
+        outside = stiffness[lines, np.maximum(first - 1, 0)]
         for _ in range(_HALVINGS):
             middle = np.sqrt(inside * outside)
             probability = self._probabilities(middle[:, None], damping)[:, 0]

@@ -34,7 +34,7 @@ from percept.results import (
     Rendered,
     Verdict,
 )
-from percept.scene import InferenceTable, Scene
+from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator, known
 from percept.study.data import Data
@@ -83,12 +83,12 @@ def subjects_of(data: Data, pairs: Sequence[SubjectPairs]) -> dict[str, Subjects
     return by_environment
 
 
-def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
+def posterior_users(fit: Fit) -> dict[str, Users]:
     """Draw the population of users of each environment, in random order.
 
     Models that have no joint law of stiffness and damping let them vary independently.
     """
-    rng = generator(asked.seed, Stream.USERS)
+    rng = generator(fit.data.asked.seed, Stream.USERS)
     # These are `fit.shuffled`; normals follow them in the stream.
     points = rng.permutation(fit.points)[: len(fit.shuffled)]
     users = {}
@@ -229,7 +229,7 @@ def study_verdicts(
             subjects=count,
             outcome=leading.outcome,
             method="classical" if bayesian is None else "bayesian",
-            probability=getattr(leading, "probability" if bayesian else "least"),
+            probability=leading.probability,
             bayesian=bayesian,
             classical=classical,
             stable_and_real=stable_and_real,
@@ -354,15 +354,11 @@ def verdict_table(verdicts: Sequence[Verdict], rendering: Sequence[Rendered]) ->
     rows = []
     for verdict in verdicts:
         more = None if verdict.more is None else verdict.more.subjects
-        by_method: list[tuple[str, str, float]] = []
-        if verdict.classical is not None:
-            by_method.append(("classical", verdict.classical.outcome, verdict.classical.least))
-        if verdict.bayesian is not None:
-            by_method.append(("bayesian", verdict.bayesian.outcome, verdict.bayesian.probability))
         display = (verdict.environment, verdict.coupled)
         can = rendered[display]
-        for method, outcome, probability in by_method:
-            outcome = "cannot be rendered" if can == "cannot" else outcome
-            rows.append((*display, method, can, outcome, probability, more))
+        for method, found in (("classical", verdict.classical), ("bayesian", verdict.bayesian)):
+            if found is not None:
+                outcome = "cannot be rendered" if can == "cannot" else found.outcome
+                rows.append((*display, method, can, outcome, found.probability, more))
     table = pd.DataFrame(rows, columns=_VERDICT_COLUMNS)
     return table.astype({"coupled": bool, "probability": float, "more": "Int64"})
