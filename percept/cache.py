@@ -9,7 +9,6 @@ import io
 import json
 import logging
 import os
-import time
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -163,7 +162,7 @@ class PosteriorCache:
             return None
         # Gone by another process, or not ours to touch: its turn to go comes sooner.
         with suppress(OSError):
-            _mark_used(path)
+            os.utime(path)
         _log.info("posterior %s found in %s", path.stem[:12], self.folder)
         return run
 
@@ -175,7 +174,6 @@ class PosteriorCache:
             self.folder.mkdir(parents=True, exist_ok=True)
             with exclusive(self.folder):
                 write_whole(path, data)
-                _mark_used(path)
                 self._evict()
         except (OSError, UsageError) as error:
             _log.warning("The posterior was not kept for next time in %s: %s", self.folder, error)
@@ -210,9 +208,3 @@ class PosteriorCache:
             if total > self.limit:
                 path.unlink(missing_ok=True)
                 total -= size
-
-
-def _mark_used(path: Path) -> None:
-    """Set the time of a file by the clock: the kernel's stamps may lag behind each other."""
-    now = time.time_ns()
-    os.utime(path, ns=(now, now))  # a `touch` would make what is gone

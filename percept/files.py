@@ -94,7 +94,7 @@ def _lock(handle: int, folder: Path, deadline: float) -> None:
 
     while True:
         try:
-            return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             if time.monotonic() >= deadline:
                 raise UsageError(
@@ -103,9 +103,11 @@ def _lock(handle: int, folder: Path, deadline: float) -> None:
                     hint="Wait for it, or choose another folder.",
                 ) from None
             time.sleep(0.05)
+            continue
         except OSError:
             # Such as NFS before version 4.
-            return
+            pass
+        return
 
 
 @contextmanager

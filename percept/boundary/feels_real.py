@@ -225,14 +225,14 @@ def search_grid(
     lower: float,
     upper: float,
     resonances: Array,
-    half_widths: Array,
+    half_width: float,
 ) -> Array:
     """Choose frequencies from `lower` to `upper`, rad/s, so close that no peak of a score hides.
 
-    `half_widths` are relative, one per resonance. Resonances (R,) of one device, or (D, R) of D,
+    `half_width` is relative, of each resonance. Resonances (R,) of one device, or (D, R) of D,
     which have frequencies each: (D, M), where those beyond the range stand at its ends.
     """
-    beside = resonances[..., None] * np.exp(half_widths[:, None] * _BESIDE)
+    beside = resonances[..., None] * np.exp(half_width * _BESIDE)
     near = beside.reshape(*resonances.shape[:-1], -1)
     return log_grid((lower, upper), _PER_DECADE, near)
 

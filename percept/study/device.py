@@ -316,11 +316,10 @@ def study_coupling(
     rectangles.sort(
         key=lambda one: (one.kind != "user", one.method != "bayesian", one.family != family)
     )
-    memberships = []
-    for environment in setup.references:
-        best = next((one for one in rectangles if one.environment == environment), None)
-        if best is not None:
-            memberships.append(_membership(setup, best, within))
+    best = {one.environment: one for one in reversed(rectangles)}
+    memberships = [
+        _membership(setup, best[name], within) for name in setup.references if name in best
+    ]
     nyquist = loop.nyquist
     if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]

@@ -238,7 +238,7 @@ class Displayed(Inferred):
             return ()
         stable = {(row.environment, row.coupled): row.stable for row in self.rendering}
         weights: dict[str, Array] = {}
-        if self.scene.checks is not None and self.passed is not None and self.users:
+        if self.scene.checks is not None and self.passed is not None:
             from percept.study.checks import weights_without
 
             weights = weights_without(self.passed, self.users)

@@ -114,15 +114,12 @@ def frequencies(setup: Setup, environment: str, relative_sd: float, scene: Scene
 
     Shape (M,), or (D, M) where the device of the setup is D devices.
     """
-    resonances = setup.resonances(environment)
-    if resonances.ndim == 1:
-        resonances = resonances[np.isfinite(resonances) & (resonances > 0.0)]
-    half_width = max(_HALF_WIDTH_PER_SD * relative_sd, _LEAST_HALF_WIDTH)
+    half_width = min(max(_HALF_WIDTH_PER_SD * relative_sd, _LEAST_HALF_WIDTH), 1.0)
     if isinstance(setup.loop.device, TabulatedDevice):
         # A table's rows are all there is to see.
         half_width = 0.0
-    half_widths = np.full(resonances.shape[-1], min(half_width, 1.0))
-    return search_grid(scene.frequency.lower, scene.frequency.upper, resonances, half_widths)
+    resonances = setup.resonances(environment)
+    return search_grid(scene.frequency.lower, scene.frequency.upper, resonances, half_width)
 
 
 def relative_sd(users: Users) -> float:

@@ -116,7 +116,7 @@ def display_at(score: float) -> Display:
 def searched(display: Display, sd: float) -> Array:
     """Return the frequencies that are searched for the smallest margin."""
     resonance = float(np.sqrt(display.environment.stiffness / DEVICE.mass))
-    return search_grid(0.1, 100.0, np.array([resonance]), np.array([0.5 * sd]))
+    return search_grid(0.1, 100.0, np.array([resonance]), 0.5 * sd)
 
 
 def margin(display: Display, users: Users) -> float:

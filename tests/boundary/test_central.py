@@ -52,7 +52,7 @@ def test_ranges_hold_their_share_of_drawn_users(log):
 @pytest.mark.evidence(reduced=True)
 def test_couplings_are_judged_as_one_by_one():
     users = populations(log=True, count=200)
-    omega = search_grid(0.1, 100.0, np.array([np.sqrt(1000.0)]), np.array([0.05]))
+    omega = search_grid(0.1, 100.0, np.array([np.sqrt(1000.0)]), 0.05)
     dense = np.union1d(omega, np.geomspace(20.0, 50.0, 60))
     judge = CouplingJudge(DISPLAY, users, dense, central=0.99)
     rng = np.random.default_rng(4)

@@ -20,7 +20,7 @@ LEVEL, DECISION = 0.99, 0.95
 EDGE = stats.norm.isf(0.5 * (1.0 - LEVEL))
 WALL = Environment(stiffness=500.0, damping=2.0)
 DISPLAY = Display(Loop(Device(mass=0.5, damping=5.0), 1e-3), WALL)
-OMEGA = search_grid(0.1, 100.0, np.array([np.sqrt(500.0 / 0.5)]), np.array([0.05]))
+OMEGA = search_grid(0.1, 100.0, np.array([np.sqrt(500.0 / 0.5)]), 0.05)
 SDS = np.array([0.15, 0.3])
 
 

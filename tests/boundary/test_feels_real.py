@@ -22,7 +22,7 @@ LEVEL, DECISION = 0.99, 0.95
 EDGES = np.unique([score_of(central) for central in (*CENTRALS, LEVEL)])
 WALL = Environment(stiffness=500.0, damping=2.0)
 DISPLAY = Display(Loop(Device(mass=0.5, damping=5.0), 1e-3), WALL)
-OMEGA = search_grid(0.1, 100.0, np.array([np.sqrt(500.0 / 0.5)]), np.array([0.02]))
+OMEGA = search_grid(0.1, 100.0, np.array([np.sqrt(500.0 / 0.5)]), 0.02)
 
 
 def populations(bias, sd, *, count=2_000, spread=0.0, seed=1):
@@ -47,7 +47,7 @@ def random_scene(seed, *, draws):
     spread = sd[:, None] * np.exp(0.2 * rng.standard_normal((2, draws)))
     users = Users(True, mean, spread, rng.uniform(-0.9, 0.9, draws))
     resonance = np.sqrt(environment.stiffness / device.mass)
-    omega = search_grid(0.1, 100.0, np.array([resonance]), np.array([0.5 * sd[0]]))
+    omega = search_grid(0.1, 100.0, np.array([resonance]), 0.5 * sd[0])
     return Display(Loop(device, 1e-3), environment, coupling), users, omega
 
 
