@@ -63,7 +63,7 @@ class Checkpoint:
             return {}
         try:
             with exclusive(self._path):
-                lines = self._whole_lines(self._path)
+                lines = _lines(self._path)
         except (OSError, UnicodeDecodeError) as error:
             raise UsageError(
                 f"no file of {self._what} studies.",
@@ -76,10 +76,11 @@ class Checkpoint:
                 result = json.loads(line)
                 plan = result.pop("plan")
                 index = result.pop("index")
+                if not result:
+                    raise ValueError("a line without a result")
             except (ValueError, KeyError, TypeError, AttributeError) as error:
-                raise self._foreign(row) from error
-            if not result:
-                raise self._foreign(row)
+                message = f"not a line of {self._what} studies."
+                raise UsageError(message, file=str(self._path), row=row) from error
             if plan == self._plan:
                 results[index] = result
         return results
@@ -126,9 +127,8 @@ class Checkpoint:
         RefusalError
             Some studies ended in an error; all others are kept.
         """
-        kept = self.read()
-        results = {index: kept[index] for index in range(studies) if index in kept}
-        missing = [index for index in range(studies) if index not in kept]
+        results = {index: line for index, line in self.read().items() if index in range(studies)}
+        missing = [index for index in range(studies) if index not in results]
         errors: dict[int, Exception] = {}
         for index, result in mapper(study, missing):
             if isinstance(result, Exception):
@@ -149,16 +149,15 @@ class Checkpoint:
             ) from error
         return [results[index] for index in sorted(results)]
 
-    def _whole_lines(self, path: Path) -> list[str]:
-        """Read the lines, and cut off half a line: the next would be written behind it."""
-        data = path.read_bytes()
-        whole, newline, rest = data.decode().rpartition("\n")
-        if rest:
-            if not (rest.startswith(_START) or _START.startswith(rest)):
-                raise self._foreign(1 + whole.count("\n") + len(newline))
-            # Truncating needs no room, which a full disk would not have for writing.
-            os.truncate(path, data.rfind(b"\n") + 1)
-        return whole.splitlines()
 
-    def _foreign(self, row: int) -> UsageError:
-        return UsageError(f"not a line of {self._what} studies.", file=str(self._path), row=row)
+def _lines(path: Path) -> list[str]:
+    """Read the lines, and cut off half a line: the next would be written behind it."""
+    data = path.read_bytes()
+    whole, _, rest = data.decode().rpartition("\n")
+    lines = whole.splitlines()
+    if rest.startswith(_START) or _START.startswith(rest):
+        # Truncating needs no room, which a full disk would not have for writing.
+        os.truncate(path, data.rfind(b"\n") + 1)
+    else:
+        lines.append(rest)
+    return lines

@@ -228,8 +228,7 @@ def _folder(out_dir: str | Path) -> Path:
             "the name of the folder to write is empty.", hint="Name one, or leave it out."
         )
     out = Path(out_dir).resolve()
-    if out.exists() and not out.is_dir():
-        raise UsageError("a folder is needed here, and this is a file.", file=str(out_dir))
+    _refuse_unless_folder(out)
     return out
 
 

@@ -252,16 +252,15 @@ def weber_trend(fit: Fit, *, level: float) -> tuple[WeberTrend, ...] | None:
         return None
     _, drawn = named["kappa"]
     tail = 0.5 * (1.0 - level)
-    lower, upper = np.quantile(drawn, [tail, 0.5 * (1.0 + level)], axis=0).tolist()
     trends = []
-    for p, parameter in enumerate(fit.parameters):
-        kappa = drawn[:, p]
+    for parameter, kappa in zip(fit.parameters, drawn.T, strict=True):
+        lower, upper = np.quantile(kappa, [tail, 1.0 - tail]).tolist()
         trends.append(
             WeberTrend(
                 parameter=parameter,
-                lower=lower[p],
+                lower=lower,
                 value=float(kappa.mean()),
-                upper=upper[p],
+                upper=upper,
                 below_zero=float((kappa < 0).mean()),
             )
         )

@@ -104,7 +104,8 @@ class Displayed(Inferred):
         return self._laws_of(self._shown)
 
     def _laws_of(self, environments: Collection[str]) -> tuple[Law, ...]:
-        return laws_of(self._drawn(self.pairs), self.passed, self.data.asked, environments)
+        pairs = self._drawn(self.pairs)
+        return tuple(laws_of(pairs, self.passed, self.data.asked, environments))
 
     @cached_property
     def regions(self) -> tuple[Region, ...]:
@@ -113,7 +114,7 @@ class Displayed(Inferred):
 
     def _regions_of(self, laws: Sequence[Law]) -> tuple[Region, ...]:
         of_intervals = self._drawn(rectangles(self.interval_rows))
-        return regions_of(of_intervals, laws, self.passed, self.data.asked)
+        return tuple(regions_of(of_intervals, laws, self.passed, self.data.asked))
 
     def _drawn(self, claims: Iterable[Drawn]) -> Sequence[Drawn]:
         """Leave out what is not of the scene's family, unless the scene asks for all curves."""

@@ -135,7 +135,7 @@ def predict(
         k, b = values.tolist()
         environment = haptics.Environment(stiffness=k, damping=b, mass=mass)
         setup = dataclasses.replace(study.setup, references=dict.fromkeys(expected, environment))
-        regions = regions_of(rectangles(rows), laws, None, data.asked)
+        regions = tuple(regions_of(rectangles(rows), laws, None, data.asked))
         tolerance = data.asked.tolerance
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, tolerance)
         for one in drawing.drawn(expected):

@@ -104,16 +104,15 @@ def displayable(values: Array) -> Array:
 
 def regions_of(
     rectangles: Iterable[Region], laws: Sequence[Law], fit: Fit | None, asked: InferenceTable
-) -> tuple[Region, ...]:
+) -> Iterator[Region]:
     """Add Bonferroni's rectangles, and the ellipses of every law, to those of intervals."""
-    regions = list(rectangles)
+    yield from rectangles
     if fit is not None and is_impedance(fit.parameters):
-        regions += _bonferroni(fit, asked)
+        yield from _bonferroni(fit, asked)
     for law in laws:
         region = law.region
         if region is not None:
-            regions.append(region)
-    return tuple(regions)
+            yield region
 
 
 def of_family(claims: Iterable[Drawn], family: Family) -> list[Drawn]:
@@ -216,17 +215,14 @@ def laws_of(
     fit: Fit | None,
     asked: InferenceTable,
     environments: Collection[str],
-) -> tuple[Law, ...]:
-    """Put together the laws of every method in some environments."""
+) -> Iterator[Law]:
+    """Yield the laws of every method in some environments."""
     kinds = [kind for kind in _LAW_KINDS if kind in asked.kinds]
-    laws: list[Law] = []
     for of_subjects in pairs:
-        if of_subjects.environment not in environments:
-            continue
-        laws += _classical_laws(of_subjects, kinds, asked.level)
+        if of_subjects.environment in environments:
+            yield from _classical_laws(of_subjects, kinds, asked.level)
     if fit is not None and is_impedance(fit.parameters):
-        laws += _laws_of_fit(fit, asked, environments)
-    return tuple(laws)
+        yield from _laws_of_fit(fit, asked, environments)
 
 
 def _classical_laws(pairs: SubjectPairs, kinds: Sequence[LawKind], level: float) -> Iterator[Law]:
