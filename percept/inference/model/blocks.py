@@ -36,7 +36,7 @@ class Block:
     """A covariance of one or two parameters per entry."""
 
     variances: Vector  # Of the first parameter, and of the second what the first leaves
-    slope: Array | None = None  # Of the second on the first; none where they are independent
+    slope: Array | None = None  # Of the second on the first; none of one, nor of what is added
 
     def __getitem__(self, key: Any) -> Block:
         slope = None if self.slope is None else self.slope[key]

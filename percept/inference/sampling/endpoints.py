@@ -323,10 +323,10 @@ def share_half_width(
     draws = mean.shape[1]
     content = _MeanContent(share, centre, mean, _as_rows(sd), spread)
     half_width = content.half_width(confidence)
-    slope = content.slope
+    mean_probability, slope, square_slope, by_centre = content.means
     # (sum of slopes)² over the sum of their squares counts the draws that carry the slope.
     enough = min(_FEWEST_CARRYING, _FRACTION_CARRYING * draws)
-    uncertain = slope**2 * draws <= enough * content.square_slope
+    uncertain = slope**2 * draws <= enough * square_slope
     if uncertain.any():
         least = _reach(share).least * spread
         differenced = _density_of_half_widths(least, confidence)
@@ -335,8 +335,8 @@ def share_half_width(
     # that the mean probability stays the confidence:
     # (probability - its mean) + by_centre * (influence on centre) + slope * (influence on h) = 0.
     on_centre = mean - centre[:, None]
-    residual = content.probability - content.mean_probability[:, None]
-    residual += content.by_centre[:, None] * on_centre
+    residual = content.probability - mean_probability[:, None]
+    residual += by_centre[:, None] * on_centre
     on_half_width = residual * (-1.0 / slope)[:, None]
     lower = on_centre - on_half_width
     upper = on_centre + on_half_width
@@ -369,10 +369,8 @@ class _MeanContent:
 
     def __post_init__(self) -> None:
         self.probability = np.empty_like(self.mean)  # (Q, S) Of each draw
-        self.mean_probability = np.empty_like(self.centre)  # (Q,)
-        self.slope = np.empty_like(self.centre)  # (Q,) Mean derivative in the half-width
-        self.square_slope = np.empty_like(self.centre)  # (Q,) Mean square of that derivative
-        self.by_centre = np.empty_like(self.centre)  # (Q,) Mean derivative in the centre
+        #: Of probabilities, slopes in the half-width and their squares, slopes in the centre, (4, Q)
+        self.means = np.empty((4, len(self.centre)))
 
     def half_width(self, confidence: float) -> Array:
         """Find the half-widths (Q,) at which the mean probability is the confidence."""
@@ -400,10 +398,11 @@ class _MeanContent:
         """
         half_width = np.exp(log_half_width)
         self._evaluate(half_width)
-        score = special.ndtri(self.mean_probability)
+        mean_probability, mean_slope, *_ = self.means
+        score = special.ndtri(mean_probability)
         with np.errstate(over="ignore", invalid="ignore"):
             inverse_density = np.exp(0.5 * score * score)
-            slope = self.slope * half_width * _SQRT_2PI * inverse_density
+            slope = mean_slope * half_width * _SQRT_2PI * inverse_density
         return score - wanted, slope
 
     def _evaluate(self, half_width: Array) -> None:
@@ -411,8 +410,7 @@ class _MeanContent:
         draws = self.mean.shape[1]
         centre = self.centre[:, None]
         half_width = half_width[:, None]
-        # Of probabilities, slopes, derivatives in the centre, and squares of slopes.
-        sums = np.zeros((4, len(centre)))
+        sums = np.zeros_like(self.means)
         for start in range(0, draws, _BLOCK):
             block = np.s_[:, start : start + _BLOCK]
             mean = self.mean[block]
@@ -423,11 +421,7 @@ class _MeanContent:
             slope = content.by_half_width
             sums[0] += content.probability.sum(axis=1)
             sums[1] += slope.sum(axis=1)
-            sums[2] += content.by_centre.sum(axis=1)
             slope *= slope
-            sums[3] += slope.sum(axis=1)
-        means = sums / draws
-        self.mean_probability = means[0]
-        self.slope = means[1]
-        self.by_centre = means[2]
-        self.square_slope = means[3]
+            sums[2] += slope.sum(axis=1)
+            sums[3] += content.by_centre.sum(axis=1)
+        self.means = sums / draws
