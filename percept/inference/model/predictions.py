@@ -172,7 +172,13 @@ def draw_prior(
         Population means of all cells, (draws, P C).
     """
     # Without data all coordinates and latents are standard normal.
-    statistics = model.statistics.without_scatter()
+    observed = model.statistics
+    no_squares = np.zeros_like(observed.scatter.squares)
+    statistics = dataclasses.replace(
+        observed,
+        scatter=dataclasses.replace(observed.scatter, squares=no_squares),
+        cell_means=np.zeros_like(observed.cell_means),
+    )
     blank = LinearModel(statistics, model.design, model.priors)
     points = rng.standard_normal((draws, len(blank.names)))
     tau = blank.coordinates(points).cells.tau

@@ -153,13 +153,6 @@ class Statistics:
             logs += pattern.environments.size * math.log(pattern.subjects)
         return -0.5 * len(self.parameters) * logs
 
-    def without_scatter(self) -> Statistics:
-        """Statistics of the same design before anything is observed."""
-        no_squares = np.zeros_like(self.scatter.squares)
-        scatter = dataclasses.replace(self.scatter, squares=no_squares)
-        equal_means = np.zeros_like(self.cell_means)
-        return dataclasses.replace(self, scatter=scatter, cell_means=equal_means)
-
 
 def from_trials(
     response: Array,

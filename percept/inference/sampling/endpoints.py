@@ -369,7 +369,7 @@ class _MeanContent:
 
     def __post_init__(self) -> None:
         self.probability = np.empty_like(self.mean)  # (Q, S) Of each draw
-        #: Of probabilities, slopes in the half-width and their squares, slopes in the centre, (4, Q)
+        #: (4, Q) Probabilities, slopes in the half-width and their squares, slopes in the centre
         self.means = np.empty((4, len(self.centre)))
 
     def half_width(self, confidence: float) -> Array:
