@@ -63,7 +63,6 @@ def resolve(grid: Grid, options: DataTables) -> tuple[tuple[Slot, ...], Rules]:
     for columns in (MOMENTS_COLUMNS, SUMMARY_COLUMNS):
         if {"parameter", *columns[3:5]} <= known:
             wanted = columns
-    summary = "parameter" in wanted
     if options.sessions.trial == "order":
         wanted = tuple(column for column in wanted if column != "trial")
     rules = {name: rule for name, rule in options.columns.items() if name in wanted}
@@ -71,8 +70,7 @@ def resolve(grid: Grid, options: DataTables) -> tuple[tuple[Slot, ...], Rules]:
         rules.setdefault(f"{next(iter(options.quantities))}_adj", ColumnRule(name="{subject}"))
     _by_name(grid, wanted, rules, options)
     _refuse_missing(grid, rules)
-    if not summary and not any("{environment}" in rule.name for rule in rules.values()):
-        _name_by_reference(grid, rules, options)
+    _name_by_reference(grid, rules, options)
     return _slots(grid, rules, options), rules
 
 
@@ -104,24 +102,24 @@ def _by_name(
 
 def _refuse_missing(grid: Grid, rules: Rules) -> None:
     """Refuse rules on columns that are not there; without an adjustment the file is no table."""
-    there = {
-        canonical
+    lacking = {
+        canonical: rule.name
         for canonical, rule in rules.items()
-        if rule.name in grid.header or _IN_NAMES.search(rule.name)
+        if rule.name not in grid.header and not _IN_NAMES.search(rule.name)
     }
-    for canonical, rule in rules.items():
-        if canonical not in there:
-            is_trials = any(column.endswith("_adj") for column in there)
-            message = f"[columns] names {rule.name!r} for {canonical}, and no column has that name."
-            kind = UsageError if is_trials else NoDataError
-            raise grid.error(message, rule.name, grid.columns_like(rule.name), kind)
+    is_trials = any(column.endswith("_adj") for column in rules.keys() - lacking.keys())
+    for canonical, name in lacking.items():
+        message = f"[columns] names {name!r} for {canonical}, and no column has that name."
+        kind = UsageError if is_trials else NoDataError
+        raise grid.error(message, name, grid.columns_like(name), kind)
 
 
 def _name_by_reference(grid: Grid, rules: Rules, options: DataTables) -> None:
     """Let the values of the first reference name environments that have no column."""
     references = [column for column in rules if column.endswith("_ref")]
-    by_file = "{environment}" in (options.sessions.filename or "")
-    if "environment" in rules or not references or by_file or options.trial_references:
+    patterns = [options.sessions.filename or "", *(rule.name for rule in rules.values())]
+    has_name = "environment" in rules or any("{environment}" in pattern for pattern in patterns)
+    if has_name or not references or options.trial_references:
         return
     rules["environment"] = rules[references[0]]
     name = rules["environment"].name
@@ -175,9 +173,8 @@ def _alone(rules: Rules, options: DataTables) -> dict[str, str]:
     if "environment" in rules:
         return {}
     names = list(options.environments)
-    adjusted = [q for name, q in options.quantities.items() if f"{name}_adj" in rules]
-    nothing_matched = bool(adjusted) and not any(quantity.is_matched for quantity in adjusted)
-    if not names and (options.trial_references or nothing_matched):
+    matched = {q.is_matched for name, q in options.quantities.items() if f"{name}_adj" in rules}
+    if not names and (options.trial_references or matched == {False}):
         names = [_ALL_TRIALS]
     return {"environment": names[0]} if len(names) == 1 else {}
 

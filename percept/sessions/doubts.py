@@ -16,7 +16,7 @@ from percept.errors import counted
 from percept.sessions.merged import by_environment
 from percept.sessions.options import DataTables
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import MOST_CONDITIONS, Factors, Found, shown
+from percept.sessions.records import Factors, Found, shown
 
 #: Numbers that stand for a missing value: -999, 9999 and others of nines, in any unit.
 _CODE = re.compile(r"99+0*")
@@ -33,10 +33,8 @@ _SLIP = math.log10(5.0)
 _MOST_SLIPS = 20
 #: SDs of the other trials beyond which a value is no ordinary one: one in 16,000 of normal ones.
 _FAR = 4.0
-#: SD in decades that subjects usually have, a factor of 1.4, and the degrees of freedom that it
-#: counts for beside the other trials.
-_USUAL_SD = 0.15
-_USUAL_FREEDOM = 3.0
+#: SD in decades, a factor of 1.4, that trials are given at least.
+_LEAST_SD = 0.15
 #: SDs between the quartiles of normal values.
 _QUARTILES = 1.349
 
@@ -77,19 +75,6 @@ def _copies(study: Observed) -> Iterator[Found]:
             f' [{{ column = "subject", equals = {name}, why = "a copy" }}] leaves it out.'
         )
         yield Found(text, "subject", rows.index.min())
-
-
-def _single_trials(study: Observed) -> Iterator[Found]:
-    """Warn of references that differ on every trial."""
-    counts = study.table["environment"].value_counts(sort=False)
-    single = int((counts == 1).sum())
-    if len(counts) > MOST_CONDITIONS and single > len(counts) / 2:
-        text = (
-            f"{single} of {len(counts)} environments have one trial: the reference seems to differ"
-            " on every trial. Name a column of conditions, environment in [columns], and give each"
-            " condition one reference in [environments]."
-        )
-        yield Found(text, "environment")
 
 
 def _missing_codes(values: pd.Series[float]) -> list[float]:
@@ -270,14 +255,12 @@ def _mistyped(
             value = here[index]
             others = here.drop(index)
             low, median, high = np.quantile(others, (0.25, 0.5, 0.75))
-            freedom = len(others) - 1
             # Of two trials either may be the slip: it is the one farther from what was shown.
             reference = shown_at[index]
-            if freedom == 0 and not abs(value - reference) > abs(median - reference):
+            if len(others) == 1 and not abs(value - reference) > abs(median - reference):
                 continue
-            squares = _USUAL_FREEDOM * _USUAL_SD**2 + freedom * ((high - low) / _QUARTILES) ** 2
-            variance = squares / (_USUAL_FREEDOM + freedom)
-            ordinary = _FAR * np.sqrt(variance * (1.0 + 1.0 / len(others)))
+            sd = max(_LEAST_SD, (high - low) / _QUARTILES)
+            ordinary = _FAR * sd * np.sqrt(1.0 + 1.0 / len(others))
             if abs(value - median) <= max(_SLIP, ordinary):
                 continue
             # A subject who is as far off in other trials has a habit, or another unit.
@@ -292,7 +275,6 @@ _CHECKS: tuple[Callable[[Observed], Iterator[Found]], ...] = (
     _without_logarithm,
     slips,
     _copies,
-    _single_trials,
     _empty_cells,
     _pooled,
 )

@@ -280,7 +280,7 @@ def _other_units(table: pd.DataFrame, adj: str, ref: str) -> Iterator[tuple[int,
 
 
 def remarks(table: pd.DataFrame, log: Log) -> Iterator[str]:
-    """Name ids that look alike or like a missing value, and cells of several sessions."""
+    """Name ids that look alike, or like a missing value."""
     for column in IDS:
         first = table[column].drop_duplicates()
         for name in filter(is_missing, first):
@@ -296,14 +296,6 @@ def remarks(table: pd.DataFrame, log: Log) -> Iterator[str]:
                     f"{column}s {listed} look alike and are kept apart: if they are one, write them"
                     " alike in the files"
                 )
-    counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique()
-    several = int((counts > 1).sum())
-    if several:
-        yield (
-            f"{several} of {counts.size} cells (a subject in an environment) have trials of several"
-            " sessions. All count as repeats: changes between sessions are part of the scatter of"
-            " trials"
-        )
 
 
 def _placed(table: pd.DataFrame, first: pd.Series[str], name: str, log: Log) -> str:

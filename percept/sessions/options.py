@@ -91,11 +91,6 @@ class ColumnRule(Table):
     scale: Number = 1.0
     response: Literal["ratio", "difference"] | None = None
 
-    @property
-    def has_known_unit(self) -> bool:
-        """Whether the scene says the unit, or the numbers have none."""
-        return self.unit is not None or self.response == "ratio"
-
     @model_validator(mode="after")
     def _units_of_the_quantity(self) -> Self:
         """Hold units, scale and name to what the numbers are."""

@@ -21,7 +21,7 @@ from percept.sessions.records import Problems, shown
 from percept.sessions.tables import read_grid
 from percept.sessions.values import is_missing
 
-#: Files of a folder, and members of an archive, that are looked at.
+#: Files that are looked at.
 _FILES = 40
 #: Names of ids beside those that the reader knows by itself.
 _IDS = {
@@ -120,7 +120,7 @@ def propose_scene(*paths: str | Path) -> str:
     tables: dict[tuple[str, ...], tuple[str, list[_Column]]] = {}
     for file in islice(expand(paths)[0], _FILES):
         with problems.collecting():
-            for entry in islice(load(file, options.files), _FILES):
+            for entry in load(file, options.files):
                 with problems.collecting():
                     grid = read_grid(entry, options)
                     refuse_headless(grid)

@@ -25,7 +25,7 @@ from percept.sessions.records import (
     Found,
     Notice,
     Source,
-    once_per_kind,
+    once_per_text,
 )
 from percept.sessions.tables import Form, Log, OpenFile, open_files, open_frame
 from percept.sessions.trials import read_summary, read_trials
@@ -261,7 +261,7 @@ def _merged(log: Log, files: Iterable[OpenFile]) -> Sessions:
         table=tidy,
         form=form,
         sources=tuple(log.sources),
-        notices=once_per_kind(log.notices),
+        notices=once_per_text(log.notices),
         exclusions=tuple(log.exclusions),
         counts=dict(log.counts),
         provenance=table[["file", "row"]].astype(np.int64),

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Unpack
@@ -16,8 +15,6 @@ MASS = "m_ref"
 SUMMARY_COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
 #: The same of a summary of means and SDs.
 MOMENTS_COLUMNS = ("environment", "parameter", "reference", "mean", "sd", "n", "level")
-#: A study hardly has more environments or conditions on purpose.
-MOST_CONDITIONS = 12
 #: Lines of a message about several problems.
 _LISTED = 10
 #: Problems that are kept; of a broken file of a million rows nobody reads more.
@@ -26,7 +23,6 @@ _KEPT = 1000
 _ALIKE = 3
 
 
-_NUMBERS = re.compile(r"[0-9][0-9.,]*")
 #: Characters of a text from a file that a message shows.
 _CLIPPED = 60
 
@@ -76,15 +72,13 @@ class Found(NamedTuple):
     hint: str = ""
 
 
-def once_per_kind(notices: Sequence[Notice]) -> tuple[Notice, ...]:
-    """Merge notices on whole files that differ in numbers only: the first, with their count."""
-    kinds: dict[object, list[Notice]] = {}
-    for notice in dict.fromkeys(notices):
-        is_of_file = notice.file is not None and notice.row is None
-        kind = (notice.column, _NUMBERS.sub("#", notice.text)) if is_of_file else notice
-        kinds.setdefault(kind, []).append(notice)
+def once_per_text(notices: Iterable[Notice]) -> tuple[Notice, ...]:
+    """Merge notices that say the same of a column: the first, with their count."""
+    alike: dict[object, list[Notice]] = {}
+    for notice in notices:
+        alike.setdefault((notice.column, notice.text), []).append(notice)
     merged = []
-    for first, *others in kinds.values():
+    for first, *others in alike.values():
         more = f" (and {len(others)} more like this)" if others else ""
         merged.append(replace(first, text=first.text + more))
     return tuple(merged)

@@ -31,7 +31,7 @@ from percept.sessions.records import (
     Source,
     shown,
 )
-from percept.sessions.typed import grid_of, sheets, typed_grid
+from percept.sessions.typed import sheets, texts_of, typed_grid
 from percept.sessions.values import SPACE, decimal_mark, parse_numbers
 
 Form = Literal["trials", "summary"]
@@ -189,7 +189,7 @@ def open_frame(frame: pd.DataFrame, log: Log) -> Iterator[OpenFile]:
     """Take a DataFrame as a file; a row's number is its position plus 2, as below a header."""
     rows = chain([list(frame.columns)], frame.itertuples(index=False, name=None))
     entry = Input("<frame>", "", b"", log.options.files)
-    yield _open(grid_of(rows, entry), {}, "", log)
+    yield _open(Grid(texts_of(rows, entry), entry.name), {}, "", log)
 
 
 def _open(
@@ -213,7 +213,11 @@ def _open(
             refuse_headless(grid)
             raise
         log.parameters |= {name for name in options.quantities if f"{name}_adj" in rules}
-        log.declared_units |= {name for name, rule in rules.items() if rule.has_known_unit}
+        log.declared_units |= {
+            name
+            for name, rule in rules.items()
+            if rule.unit is not None or rule.response == "ratio"
+        }
     for column in sorted(ids.keys() & rules.keys()):
         name = rules[column].name
         grid.notice(f"{column} is taken from the file's name; column {name!r} is not used")

@@ -163,19 +163,17 @@ def _unpack_json(file: OpenFile, data: pd.DataFrame) -> None:
     for canonical, rule in file.rules.items():
         if rule.path is None:
             continue
-        picked = []
-        lacking = []
+        picked: list[str | None] = []
         for row, cell in data[canonical].items():
-            value: str | None = ""
             try:
-                value = values.pick(cell, rule.path)
+                picked.append(values.pick(cell, rule.path))
             except ValueError as error:
                 # Only the scene knows whether such a row has no adjustment: it is no blank.
                 hint = "Correct the cell or the path, or pick rows with [sessions] only."
                 file.report([Found(f"{error}.", canonical, row, cell, hint)])
-            if value is None:
-                lacking.append(cell)
-            picked.append(value or "")
+                picked.append("")
+        texts = pd.Series(picked, index=data.index, dtype="str")
+        lacking = data[canonical][texts.isna()].tolist()
         if lacking and not any(picked):
             file.log.add(
                 "no row has this path.",
@@ -185,7 +183,7 @@ def _unpack_json(file: OpenFile, data: pd.DataFrame) -> None:
                 value=rule.path,
                 hint=f"Correct it: it begins inside a cell such as {shown(lacking[:1])}.",
             )
-        data[canonical] = pd.Series(picked, index=data.index, dtype="str")
+        data[canonical] = texts.fillna("")
 
 
 def _with_adjustments(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
@@ -240,13 +238,7 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     ids = [column for column in (*IDS, "trial") if column in data]
     trials = data.rename_axis("line").reset_index().groupby(ids, sort=False)
     last = trials.last().reset_index().set_index("line").sort_index(kind="stable")
-    rows = len(data)
-    earlier = rows - len(last)
-    file.log.counts["earlier event of a trial"] += earlier
-    file.grid.notice(
-        f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%}) as'
-        f" earlier events of a trial; one row stays per {', '.join(ids)}"
-    )
+    file.log.counts["earlier event of a trial"] += len(data) - len(last)
     return last
 
 

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions.grid import Grid, refuse_half
+from percept.sessions.grid import Grid, Rows, refuse_half
 from percept.sessions.inputs import WORKBOOK, Input, refusing
 from percept.sessions.records import NoDataError, shown
 from percept.sessions.values import loaded_json
@@ -69,23 +69,15 @@ def typed_grid(entry: Input) -> Grid | None:
     """
     for signature, reader in _READERS.items():
         if re.match(signature, entry.data):
-            return grid_of(reader(entry), entry)
+            return Grid(texts_of(reader(entry), entry), entry.name)
     return None
 
 
-def grid_of(rows: _Rows, entry: Input) -> Grid:
+def texts_of(rows: _Rows, entry: Input) -> Rows:
     """Write a header and rows of values as text, within the limits.
 
-    Raises
-    ------
-    UsageError
-        There is no row below a header, the table passes a limit, or a text cannot be written.
+    A file may hold one long text many times.
     """
-    return Grid(_texts(rows, entry), entry.name)
-
-
-def _texts(rows: _Rows, entry: Input) -> Iterator[tuple[int, list[str]]]:
-    """Write the cells of each row; a file may hold one long text many times."""
     size = 0
     with refusing(entry.name):
         for number, row in enumerate(rows, 1):
