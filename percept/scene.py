@@ -377,16 +377,10 @@ class Scene(DataTables):
             tables = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
         except OSError as error:
             raise UsageError(f"cannot be read: {error.strerror}.", file=name) from error
-        except RecursionError:
-            hint = "A scene has three levels of tables."
-            raise UsageError("tables or lists are nested too deep.", file=name, hint=hint) from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        # Among them are too many digits and nested lists.
+        except (ValueError, RecursionError) as error:
             hint = "Text stands in quotes, and numbers begin with a digit: 0.05."
             raise UsageError(f"is not TOML: {error}.", file=name, hint=hint) from error
-        except ValueError:
-            hint = "Correct the number."
-            message = "a whole number has more digits than Python reads."
-            raise UsageError(message, file=name, hint=hint) from None
         try:
             scene = cls(**tables)
         except UsageError as error:

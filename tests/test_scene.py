@@ -259,9 +259,9 @@ def test_keyword_arguments_are_refused_as_tables_are():
             "[coupling]\nstiffness = 1e300\ndamping = 1.0",
             "coupling.stiffness = 1e+300: must be between 1e-100 and 1e+100 in size.",
         ),
-        ("x = " + "[" * 5000 + "]" * 5000, "tables or lists are nested too deep."),
-        ("x = " + "{a = " * 5000 + "1" + "}" * 5000, "tables or lists are nested too deep."),
-        ("x = " + "9" * 5000, "a whole number has more digits than Python reads."),
+        ("x = " + "[" * 5000 + "]" * 5000, "is not TOML: "),
+        ("x = " + "{a = " * 5000 + "1" + "}" * 5000, "is not TOML: "),
+        ("x = " + "9" * 5000, "is not TOML: "),
         (
             "[inference]\nlevel = " + "9" * 4000,
             f"inference.level = {'9' * 200}…: must be a number.",

@@ -187,7 +187,14 @@ def check_columns(
 ) -> None:
     """Refuse a header that lacks what an analysis of trials needs; paths are as they were given."""
     missing = [column for column in ("subject", "environment") if column not in present]
-    missing += _missing_numbers(present, options)
+    first, *others = (f"{name}_adj" for name in options.quantities)
+    if not {first, *others} & {*present}:
+        missing.append(f"{first} (or {' or '.join(others)})" if others else first)
+    else:
+        for name, quantity in options.quantities.items():
+            pair = {f"{name}_ref", f"{name}_adj"}
+            if quantity.is_matched and pair & {*present}:
+                missing += pair - {*present} - options.declared_references
     if not missing:
         return
     names = " and ".join(missing)
@@ -199,20 +206,6 @@ def check_columns(
     message = f"there is no column for {names}; the columns are {shown(grid.header)}.{alike}"
     kind = UsageError if {*present} & {*numbers_of(options.quantities)} else NoDataError
     raise grid.error(message, first, hint, kind)
-
-
-def _missing_numbers(present: Collection[str], options: DataTables) -> list[str]:
-    """Name the missing columns of numbers: an adjustment, and a reference for each."""
-    first, *others = (f"{name}_adj" for name in options.quantities)
-    if not {first, *others} & {*present}:
-        return [f"{first} (or {' or '.join(others)})" if others else first]
-    missing: list[str] = []
-    for name, quantity in options.quantities.items():
-        pair = {f"{name}_ref", f"{name}_adj"}
-        lacking = pair - {*present}
-        if quantity.is_matched and lacking and lacking != pair:
-            missing += lacking - options.declared_references
-    return missing
 
 
 def unused_columns(grid: Grid, slots: Iterable[Slot], options: DataTables) -> list[str]:

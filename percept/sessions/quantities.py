@@ -257,11 +257,6 @@ def _parsed(unit: str) -> Any:
     """Return a unit as pint's."""
     if unit and not _UNIT.fullmatch(unit):
         raise ValueError(unit)
-    return _registry().Unit(re.sub(r"\bNs\b", "N*s", unit))
-
-
-@lru_cache
-def _registry() -> Any:
     import pint
 
-    return pint.UnitRegistry()
+    return pint.Unit(re.sub(r"\bNs\b", "N*s", unit))

@@ -153,16 +153,12 @@ def open_files(paths: Sequence[str | Path], log: Log) -> Iterator[OpenFile]:
         with log.collecting():
             for entry in load(file, log.options.files):
                 with log.collecting():
-                    for part in _parts(entry, log.options):
-                        yield from _open_input(part, log, named=named and entry.name == file)
-
-
-def _parts(entry: Input, options: DataTables) -> list[Input]:
-    """Give an input, or each sheet of a workbook if the scene wants all; its path ends in it."""
-    sheet = options.sessions.sheet
-    if sheet == "*" and entry.part is None and re.match(WORKBOOK, entry.data):
-        return sheets(entry)
-    return [replace(entry, part=entry.part or sheet)]
+                    part = entry.part or log.options.sessions.sheet
+                    parts = [replace(entry, part=part)]
+                    if part == "*" and re.match(WORKBOOK, entry.data):
+                        parts = sheets(entry)
+                    for one in parts:
+                        yield from _open_input(one, log, named=named and entry.name == file)
 
 
 def _open_input(entry: Input, log: Log, *, named: bool) -> Iterator[OpenFile]:

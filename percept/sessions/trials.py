@@ -54,7 +54,9 @@ def read_trials(file: OpenFile) -> pd.DataFrame:
     data = _melted(file)
     data = _selected(file, data)
     _unpack_json(file, data)
-    data = _with_adjustments(file, data)
+    adjusted = [name for name in data if isinstance(name, str) and name.endswith("_adj")]
+    blank = np.logical_and.reduce([file.is_missing(data[column]) for column in adjusted])
+    data = _exclude(file, data, blank, "no adjustment")
     _check_ids(file, data)
     _convert(file, data)
     data = _last_events(file, data)
@@ -186,14 +188,6 @@ def _unpack_json(file: OpenFile, data: pd.DataFrame) -> None:
         data[canonical] = texts.fillna("")
 
 
-def _with_adjustments(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
-    """Leave out rows without any adjustment."""
-    adjusted = [name for name in data if isinstance(name, str) and name.endswith("_adj")]
-    missing = [file.is_missing(data[column]) for column in adjusted]
-    blank = np.logical_and.reduce(missing)
-    return _exclude(file, data, blank, "no adjustment")
-
-
 def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
     """Refuse observations without an id, or without a number in a column of trials."""
     for column in (*IDS, "trial"):
@@ -299,16 +293,12 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
     frame = cells.assign(level=_LEVEL, row=cells.index)
     for column in needed[2:]:
         frame[column] = numbers[column]
-    frame = frame.reset_index(drop=True)
-    return _with_limits(frame) if is_of_moments else frame
+    if is_of_moments:
+        from scipy.special import stdtrit
 
-
-def _with_limits(frame: pd.DataFrame) -> pd.DataFrame:
-    """Add the t-limits of means and SDs."""
-    from scipy.special import stdtrit
-
-    # Impossible n, levels and SDs are told by the checks of the whole study.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        t = -stdtrit(frame["n"] - 1, 0.5 * (1 - frame["level"]))
-        half = t / np.sqrt(frame["n"]) * frame["sd"]
-    return frame.assign(lower=frame["mean"] - half, upper=frame["mean"] + half)
+        # Impossible n, levels and SDs are told by the checks of the whole study.
+        with np.errstate(invalid="ignore", divide="ignore"):
+            t = -stdtrit(frame["n"] - 1, 0.5 * (1 - frame["level"]))
+            half = t / np.sqrt(frame["n"]) * frame["sd"]
+        frame = frame.assign(lower=frame["mean"] - half, upper=frame["mean"] + half)
+    return frame.reset_index(drop=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -93,10 +93,13 @@ def decimal_mark(columns: Mapping[Any, pd.Series[str]], delimiter: str) -> tuple
     cells: dict[Mark, list[tuple[Any, int, str]]] = {",": list(_marked(",", columns)), ".": []}
     if cells[","] or delimiter == ";":
         cells["."] = list(_marked(".", columns))
-    # Cells with one reading go before more numerous ones with two.
-    weights = {sign: (_with_one_reading(marked), len(marked)) for sign, marked in cells.items()}
-    mark: Mark = "," if weights[","] > weights["."] else "."
-    if all(cells.values()) or weights[mark][0]:
+    # A mark that cannot separate thousands goes before more numerous ones that can.
+    one_reading = {
+        sign: sum(_TWO_READINGS.fullmatch(cell) is None for _, _, cell in marked)
+        for sign, marked in cells.items()
+    }
+    mark = max(cells, key=lambda sign: (one_reading[sign], len(cells[sign]), sign == "."))
+    if all(cells.values()) or one_reading[mark]:
         return mark, []
     hint = (
         f'Declare [sessions] decimal = "{mark}". If the {_WORDS[mark]} separates thousands, write'
@@ -114,11 +117,6 @@ def _marked(sign: Mark, columns: Mapping[Any, pd.Series[str]]) -> Iterator[tuple
             text = cell.strip(SPACE)
             if re.fullmatch(_NUMBER[sign], text):
                 yield column, int(str(row)), text
-
-
-def _with_one_reading(cells: Sequence[tuple[Any, int, str]]) -> int:
-    """How many cells hold a mark that cannot separate thousands."""
-    return sum(_TWO_READINGS.fullmatch(cell) is None for _, _, cell in cells)
 
 
 def _readings(cell: str) -> str:
