@@ -268,21 +268,6 @@ def refuse_headless(grid: Grid) -> None:
         raise LayoutError(message, file=grid.file, row=grid.header_row, hint=hint)
 
 
-def refuse_half(text: str, file: str, row: int) -> None:
-    """Refuse half of a character, which JSON and escapes can write, and no file can hold.
-
-    The text begins in the row that is given.
-    """
-    try:
-        text.encode()
-    except UnicodeEncodeError as error:
-        row += text.count("\n", 0, error.start)
-        message = "half of a character (a lone surrogate)."
-        value = text[error.start :]
-        hint = "Write the text again."
-        raise UsageError(message, file=file, row=row, value=value, hint=hint) from None
-
-
 def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
     """Find the dialect of a text, and split it.
 
@@ -304,7 +289,6 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
     UsageError
         No dialect fits, or several fit equally well.
     """
-    refuse_half(text, file, 1)
     text = text.replace("\r\r\n", "\r\n")  # So some programs end a line
     first_row = 1
     if sep := _SEP_LINE.match(text):

@@ -120,8 +120,7 @@ def expand(paths: Sequence[str | Path]) -> tuple[dict[str, bool], list[Notice]]:
     """
     if not paths:
         raise UsageError("no file was given.", hint="Name at least one session file or folder.")
-    files: dict[str, bool] = {}
-    resolved: set[Path] = set()  # Where their paths lead
+    files: dict[Path, tuple[str, bool]] = {}  # By where their paths lead
     notices: list[Notice] = []
     for given in paths:
         if not isinstance(given, str | os.PathLike):
@@ -141,12 +140,10 @@ def expand(paths: Sequence[str | Path]) -> tuple[dict[str, bool], list[Notice]]:
             raise UsageError(message, file=text, hint="Check the path; quote a pattern in a shell.")
         for name in names:
             place = Path(name).resolve()
-            if place in resolved:
+            if place in files:
                 notices.append(Notice("a file that is named more than once is read once"))
-            else:
-                files[name] = not is_folder
-            resolved.add(place)
-    return files, notices
+            files.setdefault(place, (name, not is_folder))
+    return dict(files.values()), notices
 
 
 def _named(text: str) -> list[str]:
@@ -366,7 +363,10 @@ def decode(entry: Input, declared: str | None) -> tuple[str, str]:
 def _decoded(data: bytes, encoding: str, file: str) -> str:
     """Decode bytes, or say which of them is no text."""
     try:
-        return data.decode(encoding)
+        text = data.decode(encoding)
+        # Escapes may write half of a character, which no file can hold.
+        text.encode()
+        return text
     except LookupError:
         hint = 'Use a name such as "utf-8".'
         raise UsageError(f"unknown encoding {encoding!r}.", hint=hint) from None

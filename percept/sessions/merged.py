@@ -63,7 +63,7 @@ def settle_names(table: pd.DataFrame, groups: Iterable[str], log: Log) -> None:
         table[column] = table[column].map(spelled)
 
 
-def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) -> None:
+def settle_references(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> None:
     """Fill references from the scene or earlier rows, and hold an environment to one reference.
 
     Trials may keep references that they have of their own; of what is not matched they are zero.
@@ -73,7 +73,7 @@ def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) 
     environments = table["environment"]
     known = {name: options.environments.get(name, {}) | zeros for name in environments.unique()}
     without: dict[str, list[str]] = {}  # References that lack, by environment
-    for column in [f"{p}_ref" for p in parameters] + [MASS] * (MASS in table):
+    for column in [f"{quantity.name}_ref" for quantity in quantities] + [MASS] * (MASS in table):
         values = table[column]
         given = {
             name: references[column] for name, references in known.items() if column in references
@@ -124,14 +124,15 @@ def _ask_for_references(
     log.add(message, column=column, hint=hint + "\n".join(lines))
 
 
-def make_absolute(table: pd.DataFrame, parameters: Sequence[str], log: Log) -> None:
+def make_absolute(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> None:
     """Make adjustments of ratios to their references, and of differences from them."""
-    for p in parameters:
-        rule = log.options.columns.get(f"{p}_adj")
+    for quantity in quantities:
+        column = f"{quantity.name}_adj"
+        rule = log.options.columns.get(column)
         if rule and rule.response == "ratio":
-            table[f"{p}_adj"] *= table[f"{p}_ref"]
+            table[column] *= table[f"{quantity.name}_ref"]
         elif rule and rule.response == "difference":
-            table[f"{p}_adj"] += table[f"{p}_ref"]
+            table[column] += table[f"{quantity.name}_ref"]
 
 
 def without_ends(table: pd.DataFrame, quantities: Sequence[Quantity], log: Log) -> pd.DataFrame:
@@ -186,7 +187,7 @@ def by_environment(table: pd.DataFrame, chosen: Any) -> str:
     return ", ".join(texts[:_LISTED]) + more
 
 
-def count_grid(table: pd.DataFrame, parameters: Iterable[str]) -> dict[str, int]:
+def count_grid(table: pd.DataFrame, quantities: Iterable[Quantity]) -> dict[str, int]:
     """Count observations, and the holes of the subject × environment × trial grid."""
     grid = table.groupby(["subject", "environment"], sort=False).size().unstack(fill_value=0)
     filled = grid.to_numpy()[grid > 0]
@@ -197,7 +198,10 @@ def count_grid(table: pd.DataFrame, parameters: Iterable[str]) -> dict[str, int]
         "empty cells (subject × environment)": grid.size - len(filled),
         "missing repeats": int((filled.max() - filled).sum()),
     }
-    return counts | {f"rows without {p}": int(table[f"{p}_adj"].isna().sum()) for p in parameters}
+    for quantity in quantities:
+        missing = table[f"{quantity.name}_adj"].isna()
+        counts[f"rows without {quantity.name}"] = int(missing.sum())
+    return counts
 
 
 def repeats(table: pd.DataFrame, log: Log) -> Iterator[Found]:

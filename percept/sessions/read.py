@@ -294,15 +294,14 @@ def _refuse_nothing(log: Log, table: pd.DataFrame) -> None:
 def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
     """Settle the names and references of all trials, and check them as a whole."""
     options = log.options
-    parameters = [p for p in options.quantities if p in log.parameters]
-    quantities = [options.quantities[p] for p in parameters]
+    quantities = [q for name, q in options.quantities.items() if name in log.parameters]
     others = (*canonical_columns(options.quantities), MASS, "row", "file")
     groups = [str(name) for name in table if name not in others]
     # A file that lacks a group column leaves blanks, never the text "nan".
     table[groups] = table[groups].fillna("").astype("str")
     merged.settle_names(table, groups, log)
-    merged.settle_references(table, parameters, log)
-    merged.make_absolute(table, parameters, log)
+    merged.settle_references(table, quantities, log)
+    merged.make_absolute(table, quantities, log)
     table = merged.without_ends(table, quantities, log)
     if options.sessions.trial == "order":
         table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
@@ -311,5 +310,5 @@ def _checked_trials(log: Log, table: pd.DataFrame) -> pd.DataFrame:
     log.raise_if_any()
     for text in merged.remarks(table, log):
         log.notices.append(Notice(text))
-    log.counts.update(merged.count_grid(table, parameters))
+    log.counts.update(merged.count_grid(table, quantities))
     return table

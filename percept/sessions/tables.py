@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from itertools import chain
@@ -104,20 +104,24 @@ class OpenFile:
             hint = hint.replace("COLUMN", name).replace("CANONICAL", canonical)
             self.log.add(message, file=self.name, row=row, column=name, value=value, hint=hint)
 
-    def cells(self, positions: Collection[int]) -> pd.DataFrame:
-        """Read all rows; give columns of texts by position. The index is the physical line."""
+    def cells(self, tables: Sequence[Mapping[Any, int]]) -> list[pd.DataFrame]:
+        """Read all rows; give the texts of columns by label. The index is the physical line.
+
+        A table says where each of its columns stands.
+        """
         lines: list[int] = []
-        texts: dict[int, list[str]] = {at: [] for at in positions}
-        for line, cells in self.grid.rows():
+        texts: dict[int, list[str]] = {at: [] for table in tables for at in table.values()}
+        for line, row in self.grid.rows():
             lines.append(line)
             self.options.files.hold_table(len(lines), len(texts), self.name)
             for at, column in texts.items():
                 # Equal texts share their memory: most columns hold few.
-                column.append(sys.intern(cells[at]))
+                column.append(sys.intern(row[at]))
         self.log.counts["rows read"] += len(lines)
         self.log.counts.update(self.grid.dropped)
         self.log.sources.append(Source(self.name, self.digest, len(lines)))
-        return pd.DataFrame(texts, index=lines, dtype="str")
+        cells = pd.DataFrame(texts, index=lines, dtype="str")
+        return [cells[list(table.values())].set_axis(list(table), axis=1) for table in tables]
 
     def is_missing(self, cells: pd.Series[str]) -> npt.NDArray[np.bool_]:
         """Which cells say that there is no value."""

@@ -19,7 +19,7 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import values
 from percept.sessions.options import KEPT_COLUMNS, ExcludeRule, canonical_columns
-from percept.sessions.quantities import factor, numbers_of, quantity_of, with_mass
+from percept.sessions.quantities import factor, quantity_of, with_mass
 from percept.sessions.records import (
     IDS,
     MASS,
@@ -70,31 +70,17 @@ def _groups(file: OpenFile) -> list[str]:
     return list(dict.fromkeys((*kept, *file.options.groups)))
 
 
-def _file_columns(file: OpenFile) -> dict[Any, int]:
-    """Find the file's other columns that are read."""
-    canonical = canonical_columns(file.options.quantities)
-    selection = file.options.sessions
-    names = [FileColumn(name) for name in (*_groups(file), *selection.only)]
-    for rule in selection.exclude:
-        if rule.column not in canonical:
-            names.append(FileColumn(rule.column, is_number=not rule.equals))
-    return {column: file.grid.position(column.name) for column in names}
-
-
 def _melted(file: OpenFile) -> pd.DataFrame:
     """Give a row for each observation, with its ids: one set of columns, or several melted."""
-    file_columns = _file_columns(file)
-    slots = file.slots
-    positions = set(file_columns.values())
-    for slot in slots:
-        positions.update(slot.columns.values())
-    cells = file.cells(positions)
-    parts = []
-    for slot in slots:
-        columns = {**file_columns, **slot.columns}
-        part = cells[list(columns.values())]
-        part = part.set_axis(list(columns), axis=1)
-        parts.append(part.assign(**slot.ids))
+    selection = file.options.sessions
+    canonical = canonical_columns(file.options.quantities)
+    own = [FileColumn(name) for name in (*_groups(file), *selection.only)]
+    for rule in selection.exclude:
+        if rule.column not in canonical:
+            own.append(FileColumn(rule.column, is_number=not rule.equals))
+    columns: dict[Any, int] = {column: file.grid.position(column.name) for column in own}
+    parts = file.cells([columns | {**slot.columns} for slot in file.slots])
+    parts = [part.assign(**slot.ids) for part, slot in zip(parts, file.slots, strict=True)]
     # Columns of other slots are blank in this one.
     data = pd.concat(parts).fillna("").sort_index(kind="stable").assign(**file.ids)
     if file.options.sessions.subject == "row":
@@ -209,8 +195,7 @@ def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
 def _convert(file: OpenFile, data: pd.DataFrame) -> None:
     """Convert columns of numbers to percept's units, by the file's one decimal mark."""
     quantities = with_mass(file.options.quantities)
-    canonical = {"trial", *numbers_of(quantities)}
-    names = [name for name in data if name in canonical or getattr(name, "is_number", False)]
+    names = [name for name in data if name not in IDS and getattr(name, "is_number", True)]
     for name, numbers in file.numbers(data, names, _CORRECT_CELL).items():
         data[name] = numbers
         rule = file.rules.get(name)
@@ -287,8 +272,7 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
         units = " and ".join(quantity.unit for quantity in file.options.quantities.values())
         message = f"a published table is in {units}."
         raise UsageError(message, file=file.name, key="columns", hint="Convert the table.")
-    positions = list(columns.values())
-    cells = file.cells(positions)[positions].set_axis(list(columns), axis=1)
+    (cells,) = file.cells([columns])
     numbers = file.numbers(cells, needed[2:], "Correct the cell.")
     frame = cells.assign(level=_LEVEL, row=cells.index)
     for column in needed[2:]:

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions.grid import Grid, Rows, refuse_half
+from percept.sessions.grid import Grid, Rows
 from percept.sessions.inputs import WORKBOOK, Input, refusing
 from percept.sessions.records import NoDataError, shown
 from percept.sessions.values import loaded_json
@@ -84,7 +84,12 @@ def texts_of(rows: _Rows, entry: Input) -> Rows:
             entry.hold_table(number, len(row))
             texts = [_text(value) for value in row]
             joined = "".join(texts)
-            refuse_half(joined, entry.name, number)
+            try:
+                joined.encode()
+            except UnicodeEncodeError:
+                message = "half of a character (a lone surrogate)."
+                hint = "Write the text again."
+                raise UsageError(message, row=number, value=joined, hint=hint) from None
             size += len(joined)
             entry.hold_size(size)
             yield number, texts
