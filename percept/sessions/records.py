@@ -75,7 +75,7 @@ class Found(NamedTuple):
 def once_per_text(notices: Iterable[Notice]) -> tuple[Notice, ...]:
     """Merge notices that say the same of a column: the first, with their count."""
     alike: dict[object, list[Notice]] = {}
-    for notice in notices:
+    for notice in dict.fromkeys(notices):
         alike.setdefault((notice.column, notice.text), []).append(notice)
     merged = []
     for first, *others in alike.values():

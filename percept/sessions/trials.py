@@ -218,6 +218,7 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     trials = data.rename_axis("line").reset_index().groupby(ids, sort=False)
     last = trials.last().reset_index().set_index("line").sort_index(kind="stable")
     file.log.counts["earlier event of a trial"] += len(data) - len(last)
+    file.grid.notice(f'keep = "last" leaves one row per {", ".join(ids)}')
     return last
 
 

@@ -142,11 +142,6 @@ OF_SCENES = {
         },
         [],
     ),
-    "a reference for every trial": (
-        X + "".join(f"{s},e{s}_{t},{t + s / 10},{t + 1}\n" for s in (1, 2) for t in range(1, 9)),
-        {"quantities": {"x": {}}},
-        ["16 of 16 environments have one trial: the reference seems to differ on", "16 cells"],
-    ),
 }
 
 
