@@ -91,7 +91,6 @@ class Grid:
         self.units_row = 0  # Its physical line
         first = list(islice(rows, _MOST_ROWS))
         self.header_row, names, below = self._find_header(first)
-        rows = chain(below, rows)
         if not fewest <= len(names) <= _MOST_CELLS:
             hint = "Correct the header, or declare [sessions] delimiter."
             message = f"a header of {len(names)} cells."
@@ -99,7 +98,7 @@ class Grid:
         # A delimiter may end the header; a column without a name is called by its position.
         named = names if names[-1].strip() else names[:-1]
         self.header = [name.strip() or f"column {number}" for number, name in enumerate(named, 1)]
-        self._rows = self._data(names, rows)
+        self._rows = self._data(names, chain(below, rows))
         self.sample = list(islice(self._rows, _SAMPLE))
         if not self.sample:
             message = "there are no data below the header."
@@ -290,11 +289,10 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
         No dialect fits, or several fit equally well.
     """
     text = text.replace("\r\r\n", "\r\n")  # So some programs end a line
-    first_row = 1
     if sep := _SEP_LINE.match(text):
         delimiter = delimiter or sep[1]
-        text = text[sep.end() :]
-        first_row = 2
+        # A blank line in its place: lines keep their numbers.
+        text = "\n" + text[sep.end() :]
     text = text.lstrip(_BYTE_ORDER_MARK)
     if _BYTE_ORDER_MARK in text:
         # An appending writer puts one before each repeated header.
@@ -305,9 +303,9 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
     fits: list[Grid] = []
     misfits: list[tuple[bool, int, int, UsageError]] = []
     for sign in [delimiter] if delimiter else _delimiters(header, beginning):
-        for quoting in _quotings(beginning):
+        for quoting in _quotings(header, beginning):
             try:
-                records = _records(text, sign, quoting, file, first_row)
+                records = _records(text, sign, quoting, file)
                 fits.append(Grid(records, file, sign, fewest=2))
                 break
             except UsageError as misfit:
@@ -327,7 +325,7 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
         raise max(misfits, key=lambda misfit: misfit[:3])[3]
     message = "this is not a table: no comma, semicolon, tab, bar or space separates its columns."
     hint = "Export it as CSV, or declare [sessions] delimiter."
-    raise UsageError(message, file=file, row=first_row, hint=hint)
+    raise UsageError(message, file=file, row=1, hint=hint)
 
 
 def _delimiters(header: str, text: str) -> list[str]:
@@ -337,17 +335,16 @@ def _delimiters(header: str, text: str) -> list[str]:
     return [space] * spaces + [sign for sign in others if sign in text]
 
 
-def _quotings(text: str) -> tuple[Quoting, ...]:
+def _quotings(header: str, text: str) -> tuple[Quoting, ...]:
     """List conventions to try, in order; PsychoPy's own only on a file of PsychoPy."""
     if '"' not in text:
         return ("doubled",)
-    head = text[: text.find("\n") + 1 or len(text)]
-    if "psychopyVersion" in head or "expName" in head:
+    if "psychopyVersion" in header or "expName" in header:
         return ("wrapped", "doubled")
     return ("doubled", "backslash")
 
 
-def _records(text: str, delimiter: str, quoting: Quoting, file: str, first_row: int) -> Rows:
+def _records(text: str, delimiter: str, quoting: Quoting, file: str) -> Rows:
     """Split a text into records."""
     if quoting == "backslash":
         # A NUL is refused before, so that it can stand for an escaped quote.
@@ -357,17 +354,17 @@ def _records(text: str, delimiter: str, quoting: Quoting, file: str, first_row: 
         # Runs of spaces align the columns.
         lines = (re.sub(" +", " ", line.strip(" \r\n")) + "\n" for line in lines)
     if quoting == "wrapped":
-        for row, line in enumerate(lines, first_row):
+        for row, line in enumerate(lines, 1):
             yield row, _join(line.rstrip("\r\n").split(delimiter), delimiter)
         return
     reader = csv.reader(lines, delimiter=delimiter, strict=True)
-    row = first_row
+    row = 1
     try:
         for cells in reader:
             if quoting == "backslash":
                 cells = [cell.replace("\0", '"') for cell in cells]
             yield row, cells or [""]
-            row = first_row + reader.line_num
+            row = 1 + reader.line_num
     except csv.Error as error:
         message = "a quoted cell is not closed, or text follows its closing quote."
         if "limit" in str(error):

@@ -128,7 +128,7 @@ def propose_scene(*paths: str | Path) -> str:
     if not tables:
         problems.raise_if_any()
     best = max(tables.values(), key=lambda table: sum(map(bool, _roles(table[1]).values())))
-    return _scene(*best, [table for table in tables.values() if table is not best])
+    return _scene(*best)
 
 
 def _columns(grid: Grid) -> list[_Column]:
@@ -200,15 +200,10 @@ def _quantity(stem: tuple[str, ...], unit: str) -> str:
     return name if valid and name not in {*_IDS, *IMPEDANCE} else "response"
 
 
-def _scene(
-    file: str, columns: Sequence[_Column], others: Sequence[tuple[str, list[_Column]]]
-) -> str:
+def _scene(file: str, columns: Sequence[_Column]) -> str:
     """Write a scene: a line for each role, and a comment for each other column."""
     roles = _roles(columns)
     lines = [_HEAD.format(shown([file]))]
-    for other, unread in others:
-        names = shown([column.name for column in unread], limit=4)
-        lines.append(f"# Not of {shown([other])}, with the columns {names}.")
     quantities = dict.fromkeys(quantity_of(name) for name in roles if name not in _IDS)
     if not quantities.keys() <= IMPEDANCE.keys():
         for name in quantities:

@@ -23,7 +23,8 @@ _KEPT = 1000
 _ALIKE = 3
 
 
-#: Characters of a text from a file that a message shows.
+#: Names, and characters of a text from a file, that a message shows.
+_NAMES = 12
 _CLIPPED = 60
 
 
@@ -32,10 +33,10 @@ def clip(value: str) -> str:
     return value if len(value) <= _CLIPPED else value[: _CLIPPED - 1] + "…"
 
 
-def shown(names: Sequence[str], limit: int = 12) -> str:
+def shown(names: Sequence[str]) -> str:
     """List names from a file in a message: quoted, control characters escaped, clipped."""
-    listed = ", ".join(repr(clip(name)) for name in names[:limit])
-    more = len(names) - limit
+    listed = ", ".join(repr(clip(name)) for name in names[:_NAMES])
+    more = len(names) - _NAMES
     return f"{listed} and {more} more" if more > 0 else listed
 
 

@@ -290,7 +290,7 @@ def _variables(entry: Input) -> Iterator[tuple[str, Any]]:
     array of one or two axes.
     """
     size = 0
-    for kind, element in _elements(memoryview(entry.data)[_HEADER:], padded=False):
+    for kind, element in _elements(memoryview(entry.data)[_HEADER:]):
         if kind == _COMPRESSED:
             content = zlib.decompressobj().decompress(element, entry.limits.size + 1 - size)
             size += len(content)
@@ -300,13 +300,13 @@ def _variables(entry: Input) -> Iterator[tuple[str, Any]]:
             yield _array(element)
 
 
-def _elements(data: memoryview, *, padded: bool = True) -> Iterator[tuple[int, memoryview]]:
-    """Give each element's kind and bytes."""
+def _elements(data: memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Give each element's kind and bytes; all but packed ones fill eight bytes."""
     at = 0
     while at < len(data):
         kind, size = struct.unpack_from("<II", data, at)
         start = at + 8
-        at = start + size + (-size % 8 if padded else 0)
+        at = start + size + (0 if kind == _COMPRESSED else -size % 8)
         if kind >> 16:
             # A value of up to four bytes stands in the tag itself.
             kind, size = kind & 0xFFFF, kind >> 16

@@ -462,7 +462,6 @@ def test_paths_that_lead_nowhere(tmp_path):
         (tmp_path, "the folder holds no table"),
         (tmp_path / "*.csv", "no file fits the pattern"),
         (7, r"a path is text, not int.*Sessions\.from_frame"),
-        ("/dev/zero", r"/dev/zero: this is a device, not a file\."),
     ):
         with pytest.raises(UsageError, match=message):
             read_sessions(path)
