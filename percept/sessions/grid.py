@@ -170,14 +170,14 @@ class Grid:
         columns = len(self.header)
         width = 0
         for line, cells in rows:
-            text = "".join(cells)
+            text = "".join(cells).strip()
             if cells == names:
                 self.dropped["repeated header"] += 1
-            elif not text or text.isspace():
+            elif not text:
                 self.dropped["blank line"] += 1
-            elif text.strip() == "END OF FILE":
+            elif text == "END OF FILE":
                 self.dropped["end-of-file mark"] += 1
-            elif text.startswith(_COMMENT) and _is_comment(cells):
+            elif _is_comment(cells):
                 if not self.dropped["comment"]:
                     text = f"comments are skipped, here the first: {shown([cells[0]])}"
                     self.notice(text, line)
