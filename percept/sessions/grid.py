@@ -17,7 +17,7 @@ from itertools import chain, islice, pairwise
 from typing import Literal
 
 from percept.errors import UsageError, did_you_mean
-from percept.sessions.records import NoDataError, Notice, shown
+from percept.sessions.records import NoDataError, Notice, clip, shown
 from percept.sessions.values import is_missing
 
 #: Physical line and cells of each row.
@@ -189,7 +189,7 @@ class Grid:
                 if not fits or (width > columns and cells[-1]):
                     message = f"{len(cells)} cells where the header has {len(names)}"
                     message += f" and the lines above have {width}." if len(cells) != width else "."
-                    value = self.delimiter.join(cells)
+                    value = clip(self.delimiter.join(cells))
                     raise UsageError(
                         message, file=self.file, row=line, value=value, hint=_RAGGED_HINT
                     )

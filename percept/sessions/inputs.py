@@ -169,15 +169,14 @@ def named_part(text: str) -> tuple[str, str | None]:
 def _tables(folder: Path) -> tuple[list[str], list[str]]:
     """Look for tables and folders of results in a folder and those below it."""
     filled = {path.parent for path in folder.rglob(_MARKER)} - {folder}
-    tables = []
-    for path in sorted(folder.rglob("*")):
-        is_table = path.suffix.lower() in _SUFFIXES and path.is_file()
-        if (
-            is_table
-            and filled.isdisjoint(path.parents)
-            and not _is_hidden(path.relative_to(folder))
-        ):
-            tables.append(str(path))
+    tables = [
+        str(path)
+        for path in sorted(folder.rglob("*"))
+        if path.suffix.lower() in _SUFFIXES
+        and path.is_file()
+        and filled.isdisjoint(path.parents)
+        and not _is_hidden(path.relative_to(folder))
+    ]
     return tables, sorted(map(str, filled))
 
 
@@ -222,10 +221,6 @@ class Input:
     def hold_table(self, rows: int, columns: int) -> None:
         """Refuse a table of more rows or cells than the limits."""
         self.limits.hold_table(rows, columns, self.name)
-
-    def hold_size(self, size: int) -> None:
-        """Refuse what unpacks to more bytes than the limit."""
-        self.limits.hold("size", size, self.name)
 
 
 @contextmanager

@@ -307,11 +307,7 @@ class DataTables(Table):
                 message = "only an adjustment is a ratio or a difference to its reference."
                 raise UsageError(message, key=f"columns.{name}.response")
             if (quantity := quantities.get(quantity_of(name))) is not None:
-                try:
-                    factor(rule.unit, quantity)
-                except UsageError as error:
-                    error.key = f"columns.{name}.unit"
-                    raise
+                factor(rule.unit, quantity, f"columns.{name}.unit")
         references = tuple(f"{name}_ref" for name in quantities)
         for name, given in self.environments.items():
             for key in given:

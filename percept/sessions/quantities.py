@@ -210,8 +210,8 @@ def quantity_of(column: str) -> str:
 
 
 @lru_cache
-def factor(unit: str | None, quantity: Quantity) -> float:
-    """Factor from a declared unit to the quantity's; pint is imported if it must."""
+def factor(unit: str | None, quantity: Quantity, key: str | None = None) -> float:
+    """Factor from a unit, declared at a key, to the quantity's; pint is imported if it must."""
     if unit is None or unit == quantity.unit:
         return 1.0
     import pint
@@ -224,7 +224,7 @@ def factor(unit: str | None, quantity: Quantity) -> float:
     except (pint.errors.PintError, ValueError, TypeError, AttributeError, ArithmeticError):
         message = f"not a unit of {quantity.label}."
         hint = f"Declare one that converts to {quantity.unit or 'a pure number'}."
-        raise UsageError(message, key="unit", value=unit, hint=hint) from None
+        raise UsageError(message, key=key, value=unit, hint=hint) from None
     # Where a factor has few digits, those are meant: pint multiplies several.
     short = float(f"{one:.12g}")
     return short if math.isclose(short, one, rel_tol=1e-15) else one

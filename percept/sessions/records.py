@@ -184,6 +184,9 @@ class Problems:
 
     def add(self, message: str, **concerned: Unpack[Concerned]) -> None:
         """Record one problem; arguments as in :class:`~percept.errors.UsageError`."""
+        value = concerned.get("value")
+        if isinstance(value, str):
+            concerned["value"] = clip(value)
         self.extend(UsageError(message, **concerned))
 
     def extend(self, error: UsageError) -> None:

@@ -25,7 +25,7 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions.grid import Grid, Rows
 from percept.sessions.inputs import WORKBOOK, Input, refusing
-from percept.sessions.records import NoDataError, shown
+from percept.sessions.records import NoDataError, clip, shown
 from percept.sessions.values import loaded_json
 
 #: Cells by column: an array, a list, or a single value.
@@ -89,9 +89,9 @@ def texts_of(rows: _Rows, entry: Input) -> Rows:
             except UnicodeEncodeError:
                 message = "half of a character (a lone surrogate)."
                 hint = "Write the text again."
-                raise UsageError(message, row=number, value=joined, hint=hint) from None
+                raise UsageError(message, row=number, value=clip(joined), hint=hint) from None
             size += len(joined)
-            entry.hold_size(size)
+            entry.limits.hold("size", size, entry.name)
             yield number, texts
 
 
@@ -294,7 +294,7 @@ def _variables(entry: Input) -> Iterator[tuple[str, Any]]:
         if kind == _COMPRESSED:
             content = zlib.decompressobj().decompress(element, entry.limits.size + 1 - size)
             size += len(content)
-            entry.hold_size(size)
+            entry.limits.hold("size", size, entry.name)
             kind, element = next(_elements(memoryview(content)))
         if kind == _MATRIX and element:
             yield _array(element)
