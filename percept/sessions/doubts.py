@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,26 +38,27 @@ _LEAST_SD = 0.15
 _QUARTILES = 1.349
 
 
-@dataclass(frozen=True)
-class Observed:
-    """What the checks look at: observations, and how they were read."""
+def doubts(
+    table: pd.DataFrame, adjusted: Sequence[Quantity], options: DataTables, factors: Factors | None
+) -> Iterator[Found]:
+    """Find what is seldom meant in trials of quantities, as they were read.
 
-    table: pd.DataFrame
-    adjusted: Sequence[Quantity]
-    options: DataTables
-    factors: Factors | None
+    Nothing is left out: that is for the analyst to declare.
+    """
+    yield from _codes(table, adjusted)
+    yield from _without_ratios(table, adjusted)
+    if options.family == "lognormal":
+        yield from _without_logarithm(table, adjusted)
+    yield from slips(table, adjusted)
+    yield from _copies(table, adjusted)
+    yield from _empty_cells(table, factors)
+    yield from _pooled(table, options)
 
 
-def doubts(study: Observed) -> Iterator[Found]:
-    """Find what is seldom meant. Nothing is left out: that is for the analyst to declare."""
-    for check in _CHECKS:
-        yield from check(study)
-
-
-def _copies(study: Observed) -> Iterator[Found]:
+def _copies(table: pd.DataFrame, adjusted: Sequence[Quantity]) -> Iterator[Found]:
     """Name subjects whose settings are those of another subject, value by value."""
-    columns = [f"{quantity.name}_adj" for quantity in study.adjusted]
-    ordered = study.table.sort_values(["environment", "session", "trial"], kind="stable")
+    columns = [f"{quantity.name}_adj" for quantity in adjusted]
+    ordered = table.sort_values(["environment", "session", "trial"], kind="stable")
     first_of: dict[tuple[object, ...], str] = {}
     for subject, rows in ordered.groupby("subject", sort=False):
         settings = rows[columns].to_numpy(dtype=float)
@@ -91,11 +91,11 @@ def _missing_codes(values: pd.Series[float]) -> list[float]:
     return codes
 
 
-def _codes(study: Observed) -> Iterator[Found]:
+def _codes(table: pd.DataFrame, adjusted: Sequence[Quantity]) -> Iterator[Found]:
     """Ask whether a number is a code for a missing value."""
-    for quantity in study.adjusted:
+    for quantity in adjusted:
         column = f"{quantity.name}_adj"
-        values = study.table[column].dropna()
+        values = table[column].dropna()
         for code in _missing_codes(values):
             rows = values.index[values == code]
             limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
@@ -108,11 +108,11 @@ def _codes(study: Observed) -> Iterator[Found]:
             yield Found(text, column, rows[0])
 
 
-def _without_logarithm(study: Observed) -> Iterator[Found]:
+def _without_logarithm(table: pd.DataFrame, adjusted: Sequence[Quantity]) -> Iterator[Found]:
     """Count the zeros and negative values of a lognormal family, and say both ways out."""
-    for quantity in study.adjusted if study.options.family == "lognormal" else ():
+    for quantity in adjusted:
         column = f"{quantity.name}_adj"
-        known = study.table.dropna(subset=column)
+        known = table.dropna(subset=column)
         values = known[column]
         is_low = values <= 0
         if set(values[is_low]) <= set(_missing_codes(values)):
@@ -162,11 +162,11 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> pd.DataFrame:
     return cells[~pd.MultiIndex.from_frame(cells).isin(tried)]
 
 
-def _empty_cells(study: Observed) -> Iterator[Found]:
+def _empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[Found]:
     """Name the subjects that lack an environment."""
-    cells = empty_cells(study.table, study.factors)
+    cells = empty_cells(table, factors)
     lacking = (cells["subject"] + " at " + cells["environment"]).tolist()
-    of_subjects = study.table.groupby("subject", sort=False)["environment"].nunique()
+    of_subjects = table.groupby("subject", sort=False)["environment"].nunique()
     if lacking and len(of_subjects) > 1 and (of_subjects == 1).all():
         yield Found("each subject met one environment: environments are groups of subjects")
     elif lacking:
@@ -174,11 +174,11 @@ def _empty_cells(study: Observed) -> Iterator[Found]:
         yield Found(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
 
 
-def _pooled(study: Observed) -> Iterator[Found]:
+def _pooled(table: pd.DataFrame, options: DataTables) -> Iterator[Found]:
     """Say how groups that the analysis does not tell apart are analysed."""
-    kept = {"group", *study.options.sessions.groups} - {*study.options.split}
-    for column in study.table.columns.intersection(list(kept)):
-        levels = study.table.groupby(column, sort=False)["subject"].nunique()
+    kept = {"group", *options.sessions.groups} - {*options.split}
+    for column in table.columns.intersection(list(kept)):
+        levels = table.groupby(column, sort=False)["subject"].nunique()
         if len(levels) < 2:
             continue
         sizes = ", ".join(
@@ -192,15 +192,15 @@ def _pooled(study: Observed) -> Iterator[Found]:
         yield Found(text, column)
 
 
-def _without_ratios(study: Observed) -> Iterator[Found]:
+def _without_ratios(table: pd.DataFrame, adjusted: Sequence[Quantity]) -> Iterator[Found]:
     """Warn of logarithms, and of angles that wrap: 350 and 10 deg lie beside each other."""
-    for quantity in study.adjusted:
+    for quantity in adjusted:
         column = f"{quantity.name}_adj"
         reference = f"{quantity.name}_ref"
         unit = quantity.unit.casefold()
-        largest = study.table[[reference, column]].abs().max().max()
+        largest = table[[reference, column]].abs().max().max()
         wraps = largest > _HALF_TURNS.get(unit, math.inf)
-        is_logarithm = _LOGARITHMIC.fullmatch(unit) and study.table[reference].any()
+        is_logarithm = _LOGARITHMIC.fullmatch(unit) and table[reference].any()
         if wraps or is_logarithm:
             why = "reaches beyond half a turn and wraps" if wraps else "is a logarithm"
             text = (
@@ -212,13 +212,15 @@ def _without_ratios(study: Observed) -> Iterator[Found]:
             yield Found(text, column)
 
 
-def slips(study: Observed) -> Iterator[Found]:
+def slips(table: pd.DataFrame, adjusted: Sequence[Quantity]) -> Iterator[Found]:
     """Name adjustments that look mistyped, by quantity and in the order of the rows.
 
     Parameters
     ----------
-    study : Observed
+    table : DataFrame
         Trials.
+    adjusted : sequence of Quantity
+        What they adjusted.
 
     Yields
     ------
@@ -226,9 +228,9 @@ def slips(study: Observed) -> Iterator[Found]:
         A value five times, or a fifth of, what the others and the same subject's other trials lead
         one to expect.
     """
-    for quantity in study.adjusted:
+    for quantity in adjusted:
         column = f"{quantity.name}_adj"
-        trials = study.table[study.table[column] > 0]
+        trials = table[table[column] > 0]
         reference = trials[f"{quantity.name}_ref"]
         shown_at = np.log10(reference.where(reference > 0))
         found = dict(_mistyped(trials, np.log10(trials[column]), shown_at))
@@ -267,14 +269,3 @@ def _mistyped(
             of_subject = off[trials["subject"] == trials["subject"][index]].drop(index)
             if not abs(value - median - of_subject.median()) < _SLIP:
                 yield index, others.index
-
-
-_CHECKS: tuple[Callable[[Observed], Iterator[Found]], ...] = (
-    _codes,
-    _without_ratios,
-    _without_logarithm,
-    slips,
-    _copies,
-    _empty_cells,
-    _pooled,
-)

@@ -154,16 +154,13 @@ class Sessions:
         rows = dict(list(self.table.groupby("environment", sort=False)))
         return ((name, rows[name]) for name in self.environments)
 
-    @property
-    def _observed(self) -> doubts.Observed:
-        """What checks look at."""
-        return doubts.Observed(self.table, self.adjusted, self.options, self.factors)
-
     @cached_property
     def warnings(self) -> tuple[Notice, ...]:
         """What to look at before believing the study."""
         notices = []
-        found = doubts.doubts(self._observed) if self.form == "trials" else ()
+        found: Iterable[Found] = ()
+        if self.form == "trials":
+            found = doubts.doubts(self.table, self.adjusted, self.options, self.factors)
         for message, column, index, *_ in found:
             notices.append(Notice(message, *self.locate(index), column))
         return tuple(notices)
@@ -171,7 +168,7 @@ class Sessions:
     @cached_property
     def slips(self) -> tuple[Found, ...]:
         """Adjustments that look mistyped, by the labels of their rows; none in summary form."""
-        return tuple(doubts.slips(self._observed)) if self.form == "trials" else ()
+        return tuple(doubts.slips(self.table, self.adjusted)) if self.form == "trials" else ()
 
     def left_out(self, environment: str, parameter: str) -> int:
         """Count the adjustments of a cell that are left out at a limit of their control."""
