@@ -188,8 +188,8 @@ def contrast_rows(results: Results) -> list[ContrastRow]:
     rows = []
     for row in results.contrast:
         scale, unit = unit_of(row, results)
-        known = {name: getattr(row, name) for name in _LIMITS if getattr(row, name) is not None}
-        scaled = {name: scale * number for name, number in known.items()}
+        numbers = {name: getattr(row, name) for name in _LIMITS}
+        scaled = {name: scale * one for name, one in numbers.items() if one is not None}
         rows.append(dataclasses.replace(row, unit=unit, **scaled))
     return rows
 
@@ -361,9 +361,9 @@ def _difference(row: ContrastRow, results: Results) -> str:
         what = f"change of the {what} from {changing} {start} to {end}"
     is_product = is_ratio(row)
     shown = Estimated(
-        estimate=row.estimate,
-        lower=row.lower,
-        upper=row.upper,
+        row.estimate,
+        row.lower,
+        row.upper,
         unit="" if is_product else row.unit,
         style="plain" if is_product else "difference",
         least_digits=_LEAST_DIGITS,
