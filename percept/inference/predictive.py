@@ -6,18 +6,15 @@ A subject is left out by Pareto-smoothed importance sampling.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from percept.errors import RefusalError
+from percept.inference.imports import array_stats
 from percept.inference.left_out import LeftOut, SubjectDensity
 from percept.inference.sampling.endpoints import mixture_limits
 
@@ -135,35 +132,6 @@ def leave_one_out(subjects: SubjectDensity, left: LeftOut) -> Loo:
     return smoothed_subjects(left.log_density)
 
 
-class _Uncalled(ModuleType):
-    """Stands for a module that is imported, and nothing of it called."""
-
-    def __getattr__(self, name: str) -> None:
-        return None
-
-
-@cache
-def _array_stats() -> Any:
-    """Import ArviZ's functions of arrays, as they come where xarray is not installed.
-
-    ArviZ's other functions, and what they import, would take a twentieth of a report. Whoever
-    imports ArviZ itself gets the whole of it.
-    """
-    names = ("scipy.stats", "scipy.signal", "scipy.signal.windows")
-    stand_ins: dict[str, Any] = {name: _Uncalled(name) for name in names}
-    stand_ins |= {"xarray": None, "arviz_base": None}
-    before = dict(sys.modules)
-    sys.modules.update(stand_ins)
-    try:
-        from arviz_stats.base import array_stats
-    finally:
-        for name in sys.modules.keys() - before.keys():
-            if name in stand_ins or name.startswith("arviz_stats"):
-                del sys.modules[name]
-        sys.modules.update(before)
-    return array_stats
-
-
 def smoothed_subjects(log_density: Array) -> Loo:
     """Leave subjects out by weights 1/p(y_i | scales, other subjects), their tails smoothed.
 
@@ -177,7 +145,7 @@ def smoothed_subjects(log_density: Array) -> Loo:
     Loo
     """
     # It takes log densities, and negates them itself.
-    log_weights, indices = _array_stats().psislw(log_density, axis=0)
+    log_weights, indices = array_stats().psislw(log_density, axis=0)
     log_weights = log_weights.T
     return Loo(
         pareto_k=indices,

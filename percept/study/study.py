@@ -244,8 +244,10 @@ class Study(Displayed):
                 found[name] = getattr(self, part.of or name)
             return found
 
-        # What both need: the fit.
+        # What both need: the fit, and who uses a device.
         found = work_out(["intervals"])
+        if curves:
+            _ = self.users, self.subjects
         of_copy = [name for name in asked if sources[name].beside]
         with beside(lambda: work_out) as begin:
             done = begin(of_copy)

@@ -13,6 +13,7 @@ from scipy import special
 
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
+from percept.inference.imports import shapiro
 from percept.inference.record import Family, FloatOrArray
 
 __all__ = [
@@ -430,10 +431,8 @@ def check_normality(x: ArrayLike, *, family: Family = "normal") -> Normality:
         )
     if np.ptp(y) == 0.0:
         raise RefusalError("All subjects gave the same value: there is no distribution to test.")
-    from scipy import stats  # slow to import, and needed here only
-
     y = np.log(y) if family == "lognormal" else y
     # The statistic does not depend on location and scale; far from zero its arithmetic would.
     centred = y - y[0]
-    statistic, p_value = stats.shapiro(centred / np.abs(centred).max())
+    statistic, p_value = shapiro(centred / np.abs(centred).max())
     return Normality(statistic=float(statistic), p_value=float(p_value), family=family, n=y.size)

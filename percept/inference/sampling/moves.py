@@ -14,7 +14,6 @@ is given, and intervals come out too narrow with clean diagnostics.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -24,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
+from percept.inference.imports import standing_in
 
 
 def _gaussian_kde(*arguments: Any, **options: Any) -> Any:
@@ -34,12 +34,8 @@ def _gaussian_kde(*arguments: Any, **options: Any) -> Any:
 
 
 # emcee would import all of scipy.stats for that move, which takes a tenth of a fit.
-_stand_in: Any = SimpleNamespace(gaussian_kde=_gaussian_kde)
-_is_missing = sys.modules.setdefault("scipy.stats", _stand_in) is _stand_in
-import emcee  # noqa: E402
-
-if _is_missing:
-    del sys.modules["scipy.stats"]
+with standing_in({"scipy.stats": SimpleNamespace(gaussian_kde=_gaussian_kde)}):
+    import emcee
 
 Array = NDArray[np.float64]
 #: A log density of points (N, d), shape (N,).
