@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -178,7 +178,7 @@ def coverage(
     studies: int,
     *,
     mapper: Mapper = in_process,
-    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
     """Simulate and judge studies, and average.
@@ -191,7 +191,7 @@ def coverage(
         How many, at least two.
     mapper : Mapper
         The workers.
-    checkpoint : str or path-like, optional
+    checkpoint : str or Path, optional
         File that keeps judged studies, so that an interrupted run goes on.
     progress : callable, optional
         Told how many studies are finished, and of how many.
@@ -211,7 +211,8 @@ def coverage(
             "a standard error needs at least two studies.", key="studies", value=studies
         )
     judge = functools.partial(_judged_line, plan)
-    kept = Checkpoint(checkpoint, plan_digest(plan), what="judged")
+    path = None if checkpoint is None else Path(checkpoint)
+    kept = Checkpoint(path, plan_digest(plan), what="judged")
     lines = kept.complete(judge, studies, mapper=mapper, progress=progress)
     judged = []
     for line in lines:

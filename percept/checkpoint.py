@@ -28,23 +28,13 @@ def plan_digest(plan: DataclassInstance) -> str:
     return digest(dataclasses.asdict(plan))[:16]
 
 
+@dataclasses.dataclass(frozen=True)
 class Checkpoint:
-    """A file of JSON lines, one per study of a plan; lines of other plans stand beside them.
+    """A file of JSON lines, one per study of a plan; lines of other plans stand beside them."""
 
-    Parameters
-    ----------
-    path : str or path-like, optional
-        The file, made where it does not exist; without one nothing is kept.
-    plan : str
-        What tells the lines of this plan.
-    what : str
-        What was done to the studies, for messages: "judged".
-    """
-
-    def __init__(self, path: str | os.PathLike[str] | None, plan: str, *, what: str) -> None:
-        self._path = None if path is None else Path(path)
-        self._plan = plan
-        self._what = what
+    path: Path | None  # Made where it does not exist; without one nothing is kept
+    plan: str  # What tells the lines of this plan
+    what: str  # What was done to the studies, for messages: "judged"
 
     def read(self) -> dict[Any, Line]:
         """Read the results of the plan's studies; cut off a last line that is not whole.
@@ -59,15 +49,15 @@ class Checkpoint:
         UsageError
             The file holds something else.
         """
-        if self._path is None or not self._path.exists():
+        if self.path is None or not self.path.exists():
             return {}
         try:
-            with exclusive(self._path):
-                lines = _lines(self._path)
+            with exclusive(self.path):
+                lines = _lines(self.path)
         except (OSError, UnicodeDecodeError) as error:
             raise UsageError(
-                f"no file of {self._what} studies.",
-                file=str(self._path),
+                f"no file of {self.what} studies.",
+                file=str(self.path),
                 hint="Choose another folder.",
             ) from error
         results = {}
@@ -79,19 +69,19 @@ class Checkpoint:
                 if not result:
                     raise ValueError("a line without a result")
             except (ValueError, KeyError, TypeError, AttributeError) as error:
-                message = f"not a line of {self._what} studies."
-                raise UsageError(message, file=str(self._path), row=row) from error
-            if plan == self._plan:
+                message = f"not a line of {self.what} studies."
+                raise UsageError(message, file=str(self.path), row=row) from error
+            if plan == self.plan:
                 results[index] = result
         return results
 
     def append(self, index: int | str, result: Line) -> None:
         """Write the result of a study behind the others."""
-        if self._path is None:
+        if self.path is None:
             return
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        line = {"plan": self._plan, "index": index, **result}
-        with self._path.open("a", encoding="utf-8") as file, exclusive(self._path):
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        line = {"plan": self.plan, "index": index, **result}
+        with self.path.open("a", encoding="utf-8") as file, exclusive(self.path):
             file.write(json.dumps(line) + "\n")
             # Before another run may write.
             file.flush()
