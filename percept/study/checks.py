@@ -87,8 +87,7 @@ def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
         return found
     laws = subjects.density.joint(points, subjects.density.pair_rows)
     for j, environment in enumerate(fit.environments):
-        cells = [fit.column[name, environment] for name in ("k", "b")]
-        scale = fit.scale.at(cells)
+        scale = fit.scale.at(fit.pair(environment))
         drawn = users[environment].mean.T[: len(points)]
         responses = (drawn - scale.centre) / scale.unit
         of_all = _log_normal(responses - laws.mean[:, j], laws.location[:, j])

@@ -168,7 +168,6 @@ def _differences(first: Study, second: Study) -> Iterator[ContrastRow | str]:
     """Yield B's users against A's in each cell, by each method that both have; or say why not."""
     data = second.data
     family = data.asked.family
-    log = family == "lognormal"
     methods: dict[Method, _Tests] = {
         "classical": _classical(first, second),
         "bayesian": _bayesian(first, second),
@@ -194,9 +193,9 @@ def _differences(first: Study, second: Study) -> Iterator[ContrastRow | str]:
             environment=environment,
             references=(environment,),
         )
-        ends = np.exp(difference) if log else difference
-        unit = "" if log else data.quantities[parameter].unit
-        yield contrast_row(data, bias, ends, n, method=method, unit=unit, **evidence)
+        # Of logarithms the row is a ratio.
+        unit = None if family == "lognormal" else data.quantities[parameter].unit
+        yield contrast_row(data, bias, difference, n, method=method, unit=unit, **evidence)
         spread = dataclasses.replace(bias, of="spread")
         yield contrast_row(data, spread, ratio, n, method=method)
 

@@ -126,14 +126,9 @@ class Fit(Prepared):
                 found |= zip(model.cells, sds.reshape(len(sds), -1).T, strict=True)
         return found
 
-    def pairs(self, values: Array) -> dict[str, tuple[Array, Array]]:
-        """Stiffness and damping of each environment, from values (..., C)."""
-        of_environments = {}
-        for environment in self.environments:
-            stiffness = values[..., self.column["k", environment]]
-            damping = values[..., self.column["b", environment]]
-            of_environments[environment] = (stiffness, damping)
-        return of_environments
+    def pair(self, environment: str) -> list[int]:
+        """Numbers of the cells of stiffness and damping in an environment."""
+        return [self.column["k", environment], self.column["b", environment]]
 
     @property
     def parameters(self) -> list[str]:

@@ -178,12 +178,10 @@ def _side_by_side(parts: list[Prepared], skipped: Sequence[Skipped] = ()) -> Pre
 
 def _of_limits(data: Data, parameter: str) -> Prepared:
     """Model a parameter of published limits."""
-    moments = {}
-    for cell, of_cell in _all_moments(data).items():
-        if cell[0] == parameter:
-            moments[cell] = of_cell
-    refuse_no_ratio({cell: data.reference[cell] for cell in moments}, data.quantities)
-    reference = np.array([data.reference[cell] for cell in moments])
+    moments = {cell: found for cell, found in _all_moments(data).items() if cell[0] == parameter}
+    references = {cell: data.reference[cell] for cell in moments}
+    refuse_no_ratio(references, data.quantities)
+    reference = np.array(list(references.values()))
     scale = ResponseScale.of(reference, data.asked.family)
     mean, sd, counts = _arrays(moments)
     statistics = from_summary(

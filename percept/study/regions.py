@@ -165,7 +165,8 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
     for kind in asked.kinds:
         lower, upper, _ = halved.of(kind, moments)
         ends = fit.scale.native(np.stack([lower, upper]))
-        for environment, (k, b) in fit.pairs(ends).items():
+        for environment in fit.environments:
+            k, b = ends[:, fit.pair(environment)].T
             yield Region(
                 environment=environment,
                 kind=kind,
@@ -262,7 +263,7 @@ def pairs_of_fit(
     fit: Fit, points: Array, environments: Sequence[str]
 ) -> Iterator[tuple[str, Joint, ResponseScale]]:
     """Yield the laws of stiffness and damping of environments, as responses, and their scale."""
-    cells = [[fit.column[name, environment] for name in ("k", "b")] for environment in environments]
+    cells = [fit.pair(environment) for environment in environments]
     pairs = fit.model.joint(points, fit.model.cell_rows[np.array(cells)]).apart()
     for environment, of_environment, columns in zip(environments, pairs, cells, strict=True):
         yield environment, of_environment, fit.scale.at(columns)

@@ -115,8 +115,18 @@ def trials(
     adjusted = table[columns].to_numpy(dtype=float)
     measured = set(table["environment"])
     environments = tuple(name for name in sessions.environments if name in measured)
-    if lognormal:
-        _refuse_no_logarithm(sessions, table[columns])
+    wrong = np.argwhere(adjusted <= 0.0)
+    if lognormal and len(wrong):
+        row, column = wrong[0].tolist()
+        file, line = sessions.locate(int(table.index[row]))
+        raise RefusalError(
+            f"an adjustment of zero or below has no logarithm ({len(wrong)} in all).",
+            file=file,
+            row=line,
+            column=columns[column],
+            value=float(adjusted[row, column]),
+            hint='Set family = "normal", or exclude the trial in the scene.',
+        )
     if table.groupby("environment")["subject"].nunique().max() < 2:
         raise RefusalError("no environment has two subjects to tell users apart.", hint=IF_BY_TRIAL)
     reference = np.array([[references[p, name] for name in environments] for p in parameters])
@@ -170,23 +180,6 @@ def _incomplete(
     for name in sessions.environments:
         if name not in measured:
             yield Skipped(f"Bayesian intervals of {name}", f"no trial there has {needed}")
-
-
-def _refuse_no_logarithm(sessions: Sessions, adjusted: pd.DataFrame) -> None:
-    """Refuse adjustments of zero or below, some rows and columns of the sessions' table."""
-    values = adjusted.to_numpy(dtype=float)
-    wrong = np.argwhere(values <= 0)
-    if len(wrong):
-        row, column = wrong[0]
-        file, line = sessions.locate(int(adjusted.index[row]))
-        raise RefusalError(
-            f"an adjustment of zero or below has no logarithm ({len(wrong)} in all).",
-            file=file,
-            row=line,
-            column=adjusted.columns[column],
-            value=float(values[row, column]),
-            hint='Set family = "normal", or exclude the trial in the scene.',
-        )
 
 
 def refuse_lone_subject(subjects: Sequence[str]) -> None:
