@@ -251,8 +251,6 @@ def _population(fit: Fit, cell: tuple[str, str]) -> Array:
     """Draws of mean, its SD and the SD between users, (3, S), in units or of logarithms."""
     c = fit.column[cell]
     scale = fit.scale.at(c)
-    moments = fit.moments
-    centred = np.stack([moments.mean[:, c], moments.sd[:, c], moments.population_sd[:, c]])
-    drawn = scale.unit * centred
+    drawn = scale.unit * fit.moments.of([c]).pack().T
     drawn[0] += scale.centre
     return drawn

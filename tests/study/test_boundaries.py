@@ -74,7 +74,9 @@ def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_l
     points = np.repeat(fitted.fit.points, repeats, axis=0)
     drawn = fitted.fit.model.draw(points, np.random.default_rng(5))
     for kind, responses in zip(("mean", "user"), drawn, strict=True):
-        for environment, (k, b) in fitted.fit.pairs(fitted.fit.scale.native(responses)).items():
+        native = fitted.fit.scale.native(responses)
+        for environment in fitted.fit.environments:
+            k, b = native[:, fitted.fit.pair(environment)].T
             key = (environment, kind, "bayesian", "lognormal")
             point, together = (bands(fitted, shape)[key] for shape in ("pointwise", "simultaneous"))
             curves = perceived_magnitude(
