@@ -5,17 +5,17 @@ subjects, and N - 1 contrasts of subjects. Given the scales, with D the noise of
 and Z the columns of a subject's effects,
 
     contrasts    N(0, D + ZZ')
-    mean         N(X c + Z b/√N, D/N + OT²O')
+    mean × √N    N(√N X c + Z b, D + N OT²O')
 
 X holds the columns of fixed terms. O holds the columns of the environments' own deviations, whose
 SDs are T. c and b are standard normal. Own deviations count as noise of the mean: blocks by
 environment. Whitened
-by it, Z/√N, X and the mean itself are few columns A, and all that is asked follows from a small
-Cholesky factor of I + A'A. No large precisions are subtracted, so that no digits are lost where
-noise is small.
+by it, Z, √N X and √N times the mean itself are few columns A, and all that is asked follows from a
+small Cholesky factor of I + A'A. No large precisions are subtracted, so that no digits are lost
+where noise is small.
 
 An environment of one cell has a small `Block` of noise. With several cells, columns are whitened by
-D/N, own deviations U too, and the others are regressed on these: with B the coefficients of the
+D, own deviations U too, and the others are regressed on these: with B the coefficients of the
 regression, the rows of A are A - UB and T⁻¹B.
 
 Published limits are a row as well: without effects of subjects each cell has its own N.
@@ -93,17 +93,19 @@ class OneRow:
             trials[present] = pattern.trials
             mean[:, present] = pattern.mean
             triangles[..., present] = pattern.triangles
-        #: (C, 1) Subjects of each cell: all the same if they have effects.
-        self._subjects = subjects[:, None]
+        #: (C,) Contrasts of subjects in each cell: all the same if subjects have effects.
+        self._contrasts = subjects - 1.0
         self._trials = trials[:, None]
         #: The pattern of all subjects; published limits have more.
         self._pattern = statistics.patterns[0]
         #: (P, P, C) Rows whose products sum to the scatter between subjects, cell by cell.
         self._triangles = triangles
-        self._own = basis.own
+        root_subjects = np.sqrt(subjects)
+        #: (a, P, C) Own deviations' columns in the mean times √N.
+        self._own = root_subjects * basis.own
         self.matrix = basis.with_effects(design.effects, basis.deviations)
-        #: (f + 1, P, C) Fixed columns, and the subjects' mean.
-        self._fixed_and_mean = np.concatenate([basis.fixed, mean[None]])
+        #: (f + 1, P, C) Fixed columns, and the subjects' mean, times √N.
+        self._fixed_and_mean = root_subjects * np.concatenate([basis.fixed, mean[None]])
         #: (L, J) Cells of each environment.
         self._cells_of_environment = _cells_of_environment(design)
         most_cells, environments = self._cells_of_environment.shape
@@ -112,21 +114,15 @@ class OneRow:
         self.draws_per_pass = draws_at_once(numbers)
 
     def log_density(self, scales: CellScales) -> Array:
-        """Log density of all cell means, (W,), without powers of 2 pi and `Statistics.constant`.
-
-        Numbers of subjects are in it.
-        """
+        """Log density of all cell means, (W,), without `Statistics.constant`."""
         noise = self._noise(scales)
         minus_twice = self._minus_twice_of_contrasts(noise, scales)
-        effects = scales.effects / np.sqrt(self._subjects)
         if len(self._cells_of_environment) == 1:
-            rows, log_determinant = self._rows_of_single_cells(noise, scales, effects)
+            rows, log_determinant = self._rows_of_single_cells(noise, scales)
         else:
-            regressed = self._regressed(noise, scales, effects)
-            rows = regressed.rows
-            of_mean = noise.scaled(1.0 / self._subjects)
-            log_determinant = of_mean.log_determinant().sum(axis=0)
-            log_determinant += 2.0 * log_diagonal(regressed.factor).sum(axis=0)
+            factor, _, rows = self._regressed(noise, scales)
+            log_determinant = noise.log_determinant().sum(axis=0)
+            log_determinant += 2.0 * log_diagonal(factor).sum(axis=0)
             environments = self._cells_of_environment.shape[1]
             log_determinant += 2.0 * environments * np.log(scales.tau).sum(axis=0)
         joint = _joint_precision(rows)
@@ -142,9 +138,8 @@ class OneRow:
 
     def solve(self, scales: CellScales) -> Eliminated:
         """Own deviations, effects and fixed columns' coefficients that fit best, and their law."""
-        effects = scales.effects / np.sqrt(self._subjects)
-        regressed = self._regressed(self._noise(scales), scales, effects)
-        return Eliminated(regressed.factor, regressed.explained, _joint_precision(regressed.rows))
+        factor, explained, rows = self._regressed(self._noise(scales), scales)
+        return Eliminated(factor, explained, _joint_precision(rows))
 
     def _noise(self, scales: CellScales) -> Block:
         """D, entries (C, W)."""
@@ -158,24 +153,22 @@ class OneRow:
         scales: CellScales,
     ) -> Array:
         """Log determinants and squares of the contrasts of subjects, summed over these: (W,)."""
-        contrast_count = self._subjects[:, 0] - 1.0
         if not len(scales.effects):
             squares = noise.distance(tuple(self._triangles[..., None])).sum(axis=0)
-            return np.asarray(squares + contrast_count @ noise.log_determinant())
+            return np.asarray(squares + self._contrasts @ noise.log_determinant())
         covariance = SubjectCovariance(noise, scales.effects)
         squares = covariance.scatter_distance(self._pattern)
-        return np.asarray(squares + contrast_count[0] * covariance.log_determinant)
+        return np.asarray(squares + self._contrasts[0] * covariance.log_determinant)
 
     def _rows_of_single_cells(
         self,
         noise: Block,
         scales: CellScales,
-        effects: Array,
     ) -> tuple[Array, Array]:
         """Whitened columns (K + 1, P C, W), and log det of their noise (W,): a cell is a block."""
         variances = np.einsum("apc,aw->pcw", self._own**2, scales.tau**2)
-        covariance = noise.scaled(1.0 / self._subjects) + Block(tuple(variances))
-        rows = _whitened(covariance, effects, self._fixed_and_mean)
+        covariance = noise + Block(tuple(variances))
+        rows = _whitened(covariance, scales.effects, self._fixed_and_mean)
         log_determinant = covariance.log_determinant().sum(axis=0)
         return rows.reshape(len(rows), -1, rows.shape[-1]), log_determinant
 
@@ -183,15 +176,27 @@ class OneRow:
         self,
         noise: Block,
         scales: CellScales,
-        effects: Array,
-    ) -> _Regressed:
-        """Columns regressed on own deviations, environment by environment."""
-        of_mean = noise.scaled(1.0 / self._subjects)
+    ) -> tuple[Array, Array, Array]:
+        """Columns A regressed on own deviations U with SDs T, environment by environment.
+
+        Returned are F with FF' = T⁻² + U'U, (a, a, J, W); S = F⁻¹U'A, (a, K + 1, J, W); and with
+        B = F'⁻¹S the rows of A - UB and T⁻¹B, (K + 1, (P L + a) J, W).
+        """
         of_all_draws = np.concatenate([self._fixed_and_mean, self._own])
-        columns = self._by_environment(_whitened(of_mean, effects, of_all_draws))
-        other_count = len(columns) - len(self._own)
-        others, own = np.split(columns, [other_count])
-        return _Regressed(own, others, scales.tau[:, None])
+        whitened = self._by_environment(_whitened(noise, scales.effects, of_all_draws))
+        other_count = len(whitened) - len(self._own)
+        columns, own = np.split(whitened, [other_count])
+        sd = scales.tau[:, None]
+        precision = np.einsum("amjw,bmjw->abjw", own, own)
+        factor = lower_factor(add_to_diagonal(precision, sd**-2.0))
+        for_columns = factor[:, :, None]
+        products = np.einsum("amjw,kmjw->akjw", own, columns)
+        explained = solve_lower(for_columns, products)
+        coefficients = solve_upper(for_columns, explained)
+        unexplained = columns - np.einsum("amjw,akjw->kmjw", own, coefficients)
+        over_sd = (coefficients / sd[:, None]).swapaxes(0, 1)
+        rows = np.concatenate([unexplained, over_sd], axis=1)
+        return factor, explained, rows.reshape(other_count, -1, rows.shape[-1])
 
     def _by_environment(self, columns: Array) -> Array:
         """Columns (k, P, C, W), the cells of each environment apart: (k, P L, J, W)."""
@@ -200,35 +205,6 @@ class OneRow:
         apart = padded[:, :, self._cells_of_environment]
         count, quantities, most_cells, environments, width = apart.shape
         return apart.reshape(count, quantities * most_cells, environments, width)
-
-
-class _Regressed:
-    """Columns (K + 1, P L, J, W) of unit noise, regressed on own columns (a, P L, J, W).
-
-    With A the columns, U the own ones and T their SDs (a, 1, W), FF' = T⁻² + U'U, S = F⁻¹U'A and
-    B = F'⁻¹S.
-    """
-
-    def __init__(
-        self,
-        own: Array,
-        columns: Array,
-        sd: Array,
-    ) -> None:
-        #: F, (a, a, J, W)
-        precision = np.einsum("amjw,bmjw->abjw", own, own)
-        self.factor = lower_factor(add_to_diagonal(precision, sd**-2.0))
-        for_columns = self.factor[:, :, None]
-        products = np.einsum("amjw,kmjw->akjw", own, columns)
-        #: S, (a, K + 1, J, W)
-        self.explained = solve_lower(for_columns, products)
-        coefficients = solve_upper(for_columns, self.explained)
-        unexplained = columns - np.einsum("amjw,akjw->kmjw", own, coefficients)
-        over_sd = (coefficients / sd[:, None]).swapaxes(0, 1)
-        rows = np.concatenate([unexplained, over_sd], axis=1)
-        #: A - UB and T⁻¹B, (K + 1, (P L + a) J, W)
-        columns_count, _, _, width = rows.shape
-        self.rows = rows.reshape(columns_count, -1, width)
 
 
 def _whitened(

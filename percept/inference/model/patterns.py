@@ -70,14 +70,10 @@ class SeveralPatterns:
         self.draws_per_pass = draws_at_once(numbers)
         #: Patterns of several subjects, with the kinds of their units.
         self._of_several = []
-        self._constant = 0.0
         for g, pattern in enumerate(statistics.patterns):
             if pattern.subjects > 1:
                 kinds = units.kind[units.pattern == g]
                 self._of_several.append((pattern, kinds))
-                # Units are means times the root of the number of subjects.
-                log_root = 0.5 * math.log(pattern.subjects)
-                self._constant += design.parameters * len(kinds) * log_root
 
     def log_density(self, scales: CellScales) -> Array:
         """Log density of all cell means and of rows of trials, (W,).
@@ -85,7 +81,7 @@ class SeveralPatterns:
         It is without powers of 2 pi, `Statistics.constant`, and determinants of trials.
         """
         solution = self.solve(scales)
-        value = self._constant + solution.log_density
+        value = solution.log_density
         for pattern, kinds in self._of_several:
             effects = scales.effects[:, :, pattern.environments]
             covariance = SubjectCovariance(solution.noise[kinds], effects)

@@ -146,11 +146,11 @@ class Statistics:
         """Part of the log density that no scale enters: powers of 2 pi and of the counts."""
         logs = 0.0
         for pattern in self.patterns:
-            # Means of r trials and of N subjects have densities with r^(P/2) and N^(P/2) in front.
+            # Means of r trials have a density with r^(P/2) in front. That of N subjects is taken
+            # times √N.
             of_subject = _LOG_2PI * pattern.trials.sum()
             of_subject += np.log(pattern.trials).sum()
             logs += pattern.subjects * of_subject
-            logs += pattern.environments.size * math.log(pattern.subjects)
         return -0.5 * len(self.parameters) * logs
 
 

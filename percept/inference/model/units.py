@@ -197,14 +197,7 @@ class JointPrecision:
         size, blocks = units.block_shape
         in_blocks = size * blocks
         columns = units.columns.tocoo()
-        others = columns.shape[1] - in_blocks
-        self._shapes = [
-            (size, size, blocks),
-            (size, others, blocks),
-            (others, others),
-        ]
-        #: Where blocks, cross terms and joint entries end among all entries.
-        self._ends = np.cumsum([math.prod(shape) for shape in self._shapes])
+        unknowns = columns.shape[1]
         unit_count = len(units.kind)
         kinds = len(units.means_of_kind)
         vectors = columns.shape[0] // unit_count
@@ -221,27 +214,28 @@ class JointPrecision:
         later = np.maximum(first_vector, second_vector)
         earlier = np.minimum(first_vector, second_vector)
         product = later * (later + 1) // 2 + earlier
-        row, block = np.divmod(first, blocks)
-        other = second - in_blocks
-        column = second // blocks
-        in_block = (row * size + column) * blocks + block
-        in_cross = (row * others + other) * blocks + block
-        in_joint = (first - in_blocks) * others + other
-        before_cross, before_joint, entries = self._ends
-        entry = np.where(
-            first < in_blocks,
-            before_cross + in_cross,
-            before_joint + in_joint,
-        )
-        entry = np.where(second < in_blocks, in_block, entry)
         # A cross term and its mirror, and joint entries below the diagonal, are taken once.
-        is_lower = (in_blocks <= second) & (second <= first)
-        is_taken = is_lower | (first < in_blocks)
+        is_taken = (first < in_blocks) | (second <= first)
+        place = (first * unknowns + second, product * kinds + kind)
         products = vectors * (vectors + 1) // 2
-        place = (entry[is_taken], (product * kinds + kind)[is_taken])
-        shape = (entries, products * kinds)
-        #: Numbers by entry, and by product of two vectors and kind.
-        self._combinations = sparse.csr_array((pairs.data[is_taken], place), shape)
+        every_entry = sparse.csr_array(
+            (pairs.data * is_taken, place),
+            (unknowns**2, products * kinds),
+        )
+        every_entry.eliminate_zeros()
+        number = np.arange(unknowns**2).reshape(unknowns, unknowns)
+        of_blocks = number[:in_blocks, :in_blocks].reshape(size, blocks, size, blocks)
+        crossing = number[:in_blocks, in_blocks:].reshape(size, blocks, unknowns - in_blocks)
+        #: Of blocks, cross terms and joint entries: numbers by entry, and by product of two vectors
+        #: and kind; and their shape.
+        self._combinations = [
+            (every_entry[entries.ravel()], entries.shape)
+            for entries in (
+                np.einsum("abcb->acb", of_blocks),
+                crossing.swapaxes(1, 2),
+                number[in_blocks:, in_blocks:],
+            )
+        ]
 
     def __call__(
         self,
@@ -255,8 +249,8 @@ class JointPrecision:
             for other in vectors[: number + 1]:
                 products.append(np.einsum("pnw,pnw->nw", weighted, other))
         by_kind = np.concatenate(products)
-        entries = self._combinations @ by_kind
-        width = entries.shape[1]
-        parts = np.split(entries, self._ends[:-1])
-        shaped = zip(parts, self._shapes, strict=True)
-        return [part.reshape(*shape, width) for part, shape in shaped]
+        width = by_kind.shape[1]
+        return [
+            (combinations @ by_kind).reshape(*shape, width)
+            for combinations, shape in self._combinations
+        ]
