@@ -24,7 +24,7 @@ from percept.haptics.arrays import (
 )
 from percept.haptics.loop import Loop
 from percept.haptics.perceived import DistancePlane, Limits, Point, perceived_magnitude
-from percept.searches import rising_root
+from percept.searches import lowest
 
 __all__ = [
     "CornerCurves",
@@ -37,8 +37,9 @@ __all__ = [
 
 # rad: curves are looked at every degree, and each extreme is refined within a degree to either
 # side. A plain ellipse has at most four.
-_STEP = 2 * np.pi / 360
-_ANGLES = np.asarray(_STEP * np.arange(360), dtype=np.float64)
+_ANGLES = np.linspace(0.0, 2 * np.pi, 361)
+# N·s/m; curves of logarithms may go further.
+_LARGEST = float(np.finfo(float).max)
 
 
 class CornerCurves(NamedTuple):
@@ -173,15 +174,6 @@ def magnitude_envelope_ellipse(
     return Envelope(lower.reshape(result_shape)[()], upper.reshape(result_shape)[()])
 
 
-class _Derivatives(NamedTuple):
-    """First and second derivatives of k and b by the angle."""
-
-    k1: FloatArray
-    k2: FloatArray
-    b1: FloatArray
-    b2: FloatArray
-
-
 class _Curve(NamedTuple):
     """Edge of an ellipse by the angle φ: k = k₀ + k_cos·cos φ, b = b₀ + b_cos·cos φ + b_sin·sin φ.
 
@@ -224,24 +216,6 @@ class _Curve(NamedTuple):
             return Point(np.exp(k), np.exp(b))
         return Point(k, b)
 
-    def derivatives(self, angle: FloatArray) -> _Derivatives:
-        """Return the derivatives of k and b."""
-        cos = np.cos(angle)
-        sin = np.sin(angle)
-        k1 = -self.k_cos * sin
-        k2 = -self.k_cos * cos
-        b1 = self.b_sin * cos - self.b_cos * sin
-        b2 = -self.b_cos * cos - self.b_sin * sin
-        if not self.log:
-            return _Derivatives(k1, k2, b1, b2)
-        k, b = self.at(angle)
-        return _Derivatives(
-            k1=k * k1,
-            k2=k * (k2 + k1 * k1),
-            b1=b * b1,
-            b2=b * (b2 + b1 * b1),
-        )
-
     def holds(self, origin: Point) -> BoolArray:
         """Say where the ellipse holds the (k, b) at which Z_h vanishes."""
         x = np.array(origin)
@@ -257,70 +231,17 @@ class _Curve(NamedTuple):
         return exists & (np.hypot(first, second) <= 1)
 
 
-class _Turns(NamedTuple):
-    """Angles near which the distance from the curve turns, shape (n,)."""
+def _extremes_along(curve: _Curve, plane: DistancePlane) -> FloatArray:
+    """Return the smallest and the largest distance along the curve at each of n ω, (2, n)."""
+    count = plane.gain.size
 
-    omega_index: IntArray  # At which ω
-    angle: FloatArray  # rad
-    sign: FloatArray  # 1 for a dip, −1 for a peak
-
-
-def _extremes_along(curve: _Curve, plane: DistancePlane) -> Envelope:
-    """Return the smallest and the largest distance along the curve, at every ω."""
-    scaled = _scaled(curve, plane)
-    turns = _turns_on_grid(curve, scaled)
-
-    def slopes(which: IntArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return half of the first and second derivatives of the square."""
-        local = scaled.select(turns.omega_index[which])
-        x, y = local.offsets(curve.at(angle))
-        k1, k2, b1, b2 = curve.derivatives(angle)
-        x1 = local.gain * b1
-        y1 = -local.per_rate * k1
-        x2 = local.gain * b2
-        y2 = -local.per_rate * k2
-        first = x * x1 + y * y1
-        second = x1 * x1 + y1 * y1 + x * x2 + y * y2
-        return turns.sign[which] * first, turns.sign[which] * second
-
-    before = turns.angle - _STEP
-    after = turns.angle + _STEP
-    refined = rising_root(slopes, turns.angle, before, after)
-    unscaled = plane.select(turns.omega_index)
-    lower = np.full(plane.gain.size, np.inf)
-    upper = np.zeros(plane.gain.size)
-    # An angle stays as first seen where its refinement is worse in the last digits.
-    for angle in (turns.angle, refined):
+    def signed(angle: FloatArray, which: IntArray) -> FloatArray:
+        """Return the distances, and then all of them with their sign changed."""
+        sign, index = np.divmod(which, count)
         with np.errstate(over="ignore"):
-            distance = unscaled.distance(curve.at(angle))
-        np.minimum.at(lower, turns.omega_index, distance)
-        np.maximum.at(upper, turns.omega_index, distance)
-    return Envelope(lower, upper)
+            distance = plane.select(index).distance(curve.at(angle))
+        # Differences of infinities would hide a peak from the search.
+        return np.where(sign, -1.0, 1.0) * np.minimum(distance, _LARGEST)
 
-
-def _scaled(curve: _Curve, plane: DistancePlane) -> DistancePlane:
-    """Take a power of two out of all distances at each ω.
-
-    Squares of numbers near one neither overflow nor vanish where they decide.
-    """
-    edge = curve.at(_ANGLES)
-    of_damper = plane.gain * np.abs(edge.damping).max()
-    _, exponents = np.frexp([of_damper, plane.real, plane.imaginary])
-    # The product of g/Ω and k might overflow; the sum of their exponents cannot.
-    _, of_rate = np.frexp(plane.per_rate)
-    _, of_spring = np.frexp(np.abs(edge.stiffness).max())
-    largest = np.maximum(exponents.max(axis=0), of_rate + of_spring)
-    return DistancePlane(*(np.ldexp(field, -largest) for field in plane))
-
-
-def _turns_on_grid(curve: _Curve, plane: DistancePlane) -> _Turns:
-    """Return where distances turn on the grid; on it the wrong turn may look better."""
-    x, y = plane.column().offsets(curve.at(_ANGLES))
-    square = x * x + y * y
-    before = np.roll(square, 1, axis=1)
-    after = np.roll(square, -1, axis=1)
-    dips = np.argwhere((square <= before) & (square <= after))
-    peaks = np.argwhere((square >= before) & (square >= after))
-    omega_index, angle_index = np.concatenate([dips, peaks]).T
-    sign = np.repeat([1.0, -1.0], [len(dips), len(peaks)])
-    return _Turns(omega_index, _ANGLES[angle_index], sign)
+    lower, negative_upper = lowest(signed, _ANGLES, 2 * count).value.reshape(2, count)
+    return np.stack([lower, -negative_upper])

@@ -16,8 +16,8 @@ from percept.haptics.arrays import (
     ratio,
     times,
 )
-from percept.haptics.loop import Loop, VelocityFilter, Warp
-from percept.haptics.records import Coupling, Environment, TabulatedDevice
+from percept.haptics.loop import Held, Loop, VelocityFilter, Warp
+from percept.haptics.records import Coupling, Device, Environment, TabulatedDevice
 
 __all__ = [
     "DISCRETIZATIONS",
@@ -27,9 +27,11 @@ __all__ = [
     "coupling_impedance",
     "device_impedance",
     "device_parts",
+    "element_parts",
     "environment_element",
     "environment_impedance",
     "filter_response",
+    "held_parts",
     "hold",
     "rotated_device",
     "series",
@@ -136,58 +138,69 @@ def device_impedance(loop: Loop, omega: ArrayLike) -> ComplexArray:
 def device_parts(grid: Warp) -> tuple[FloatArray, FloatArray]:
     """Return Re Z_d and Im Z_d, N·s/m."""
     device = grid.loop.device
-    damping, reactance = _measured_or_flexible(grid)
     if isinstance(device, TabulatedDevice):
-        return damping, reactance
-    rigid = times(device.mass, grid.rate) + grid.spring(device.stiffness)
-    return np.add(device.damping, damping), rigid + reactance
+        value = device.at(grid.omega)
+        return value.real, value.imag
+    return element_parts(grid, _device_element(grid, device))
+
+
+def element_parts(grid: Warp, element: Element) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of m·s + b + k/s, N·s/m."""
+    reactance = times(element.mass, grid.rate) + grid.spring(element.stiffness)
+    return np.asarray(element.damping), reactance
 
 
 def rotated_device(grid: Warp) -> tuple[FloatArray, FloatArray]:
     """Return the parts of Z_d·e^{j(h + ψ)}, the device from behind hold and delay, N·s/m."""
     device = grid.loop.device
-    real, imaginary = _device_behind_hold(grid)
+    if isinstance(device, TabulatedDevice):
+        turned = device.at(grid.omega) / grid.turn()
+        return turned.real, turned.imag
+    stiffness, damping, mass = _device_element(grid, device)
+    conjugate = Element(np.negative(stiffness), damping, np.negative(mass))
+    not_held = Held(np.ones_like(grid.omega), grid.rate, grid.inverse_rate)
+    real, imaginary = held_parts(grid, not_held, conjugate)
+    return real, -imaginary
+
+
+def held_parts(grid: Warp, held: Held, element: Element) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of g·e^{−j(h + ψ)}·(m·s + b + k/s), N·s/m.
+
+    Each product of gain, Ω^±1 and sin h or cos h is written out so that no factor overflows beside
+    one that vanishes; only k at DC and m at Nyquist (true hold) are left with an infinite factor.
+    """
+    gain_cos = held.gain * grid.cos
+    gain_sin = held.gain * grid.sin
+    real = (
+        np.multiply(element.damping, gain_cos)
+        + times(element.mass, held.rate * grid.sin)
+        - np.multiply(element.stiffness, gain_cos * (grid.period / 2))
+    )
+    inertial_and_viscous = np.multiply(element.mass, gain_sin * (2 / grid.period)) - np.multiply(
+        element.damping, gain_sin
+    )
+    imaginary = inertial_and_viscous - times(element.stiffness, held.per_rate * grid.cos)
     lag = grid.lag()
-    turned_real = times(lag.cos, real) - times(lag.sin, imaginary)
-    turned_imaginary = times(lag.cos, imaginary) + times(lag.sin, real)
-    if isinstance(device, TabulatedDevice):
-        return turned_real, turned_imaginary
-    # sin ψ times the spring's infinite imaginary part is finite at DC.
-    at_dc = np.multiply(device.stiffness, lag.sin_per_sin * (grid.period / 2))
-    return turned_real + np.where(grid.sin == 0, at_dc, 0.0), turned_imaginary
+    # The spring's own part of the imaginary one, times sin ψ, is finite at DC.
+    elastic_lag = gain_cos * grid.cos * lag.sin_per_sin * (grid.period / 2)
+    late_real = (
+        times(lag.cos, real)
+        + lag.sin * inertial_and_viscous
+        - times(element.stiffness, elastic_lag)
+    )
+    return late_real, times(lag.cos, imaginary) - times(lag.sin, real)
 
 
-def _device_behind_hold(grid: Warp) -> tuple[FloatArray, FloatArray]:
-    """Return the parts of Z_d·e^{jh}, N·s/m."""
-    device = grid.loop.device
-    damping, reactance = _measured_or_flexible(grid)
-    real = damping * grid.cos - reactance * grid.sin
-    imaginary = reactance * grid.cos + damping * grid.sin
-    if isinstance(device, TabulatedDevice):
-        return real, imaginary
-    # Ω·cos h is formed as (2/T)·sin h, which stays finite at Nyquist.
-    rate_cos = (2 / grid.period) * grid.sin
-    rate_sin = ratio(rate_cos * grid.sin, grid.cos, empty=0.0)
-    rigid_real = device.damping * grid.cos - times(device.mass, rate_sin)
-    rigid_real = rigid_real + np.multiply(device.stiffness, (grid.period / 2) * grid.cos)
-    rigid_imag = device.damping * grid.sin + device.mass * rate_cos
-    rigid_imag = rigid_imag + grid.spring(device.stiffness) * grid.cos
-    return rigid_real + real, rigid_imag + imaginary
-
-
-def _measured_or_flexible(grid: Warp) -> tuple[FloatArray, FloatArray]:
-    """Return the parts of a table's impedance, or of what flexible modes add, N·s/m."""
-    device = grid.loop.device
-    if isinstance(device, TabulatedDevice):
-        value = device.at(grid.omega)
-        return value.real, value.imag
-    damping = flexible = np.zeros_like(grid.omega)
+def _device_element(grid: Warp, device: Device) -> Element:
+    """Return mass, damping and stiffness of a device at each ω, with those its modes show."""
+    stiffness: Scalars = device.stiffness
+    damping = np.add(device.damping, np.zeros_like(grid.omega))
     for mode in device.modes:
         mass = Element(0.0, 0.0, mode.mass)
         shown = series(grid, mass, Element(mode.stiffness, mode.damping))
         damping = damping + shown.damping
-        flexible = flexible + grid.spring(shown.stiffness)
-    return damping, flexible
+        stiffness = stiffness + shown.stiffness
+    return Element(stiffness, damping, device.mass)
 
 
 def environment_impedance(loop: Loop, omega: ArrayLike, environment: Environment) -> ComplexArray:
@@ -206,9 +219,7 @@ def environment_impedance(loop: Loop, omega: ArrayLike, environment: Environment
         As `device_impedance`.
     """
     grid = loop.at(omega)
-    element = environment_element(grid, environment)
-    reactive = times(element.mass, grid.rate) + grid.spring(element.stiffness)
-    return complex_from(np.asarray(element.damping), reactive)
+    return complex_from(*element_parts(grid, environment_element(grid, environment)))
 
 
 def environment_element(grid: Warp, environment: Environment) -> Element:
@@ -297,8 +308,7 @@ def coupling_impedance(
         As `device_impedance`, and for an unknown discretization.
     """
     grid = loop.at(omega)
-    element = coupling_element(grid, coupling, discretization)
-    return complex_from(element.damping, grid.spring(element.stiffness))
+    return complex_from(*element_parts(grid, coupling_element(grid, coupling, discretization)))
 
 
 def coupling_admittance(
@@ -350,6 +360,4 @@ def hold(loop: Loop, omega: ArrayLike) -> ComplexArray:
         As `device_impedance`.
     """
     grid = loop.at(omega)
-    lag = grid.lag()
-    turned = (grid.cos - 1j * grid.sin) * (lag.cos - 1j * lag.sin)
-    return np.asarray(grid.held().gain * turned)[()]
+    return np.asarray(grid.held().gain * grid.turn())[()]

@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics.arrays import FloatArray, checked_period, one_of, ratio, real_array, times
+from percept.haptics.arrays import (
+    ComplexArray,
+    FloatArray,
+    checked_period,
+    one_of,
+    ratio,
+    real_array,
+    times,
+)
 from percept.haptics.records import AnyDevice, Device, Mode, TabulatedDevice
 
 __all__ = [
@@ -259,6 +267,11 @@ class Warp:
         turn = (2 * self.loop.delay) * self.half
         sin = np.sin(turn)
         return Lag(sin, np.cos(turn), ratio(sin, self.sin, empty=2 * self.loop.delay))
+
+    def turn(self) -> ComplexArray:
+        """Return e^{−j(h + ψ)}, by which hold and delay turn a force."""
+        lag = self.lag()
+        return np.asarray((self.cos - 1j * self.sin) * (lag.cos - 1j * lag.sin))
 
 
 def covers_range(loop: Loop) -> bool:

@@ -27,6 +27,7 @@ from percept.haptics.impedance import (
     coupling_element,
     device_parts,
     environment_element,
+    held_parts,
     rotated_device,
     series,
 )
@@ -124,11 +125,6 @@ class DistancePlane(NamedTuple):
     def distance(self, point: Point) -> FloatArray:
         """Return abs(Z_h), N·s/m."""
         return np.hypot(*self.offsets(point))
-
-    def square(self, point: Point) -> FloatArray:
-        """Return abs(Z_h)², of use where neither overflows nor vanishes."""
-        real, imaginary = self.offsets(point)
-        return np.asarray(real**2 + imaginary**2)
 
     def over(self, stiffness: Limits, damping: Limits) -> Range:
         """Return between which abs(Z_h) lie over boxes of k and b, N·s/m."""
@@ -301,37 +297,8 @@ def perceived_impedance(
     grid = loop.at(omega)
     element = _coupled(grid, environment, coupling, discretization)
     real, imaginary = device_parts(grid)
-    held_real, held_imaginary = _held_parts(grid, element)
+    held_real, held_imaginary = held_parts(grid, grid.held(), element)
     return complex_from(real + held_real, imaginary + held_imaginary)
-
-
-def _held_parts(grid: Warp, element: Element) -> tuple[FloatArray, FloatArray]:
-    """Return the parts of ZOH·(m·s + b + k/s), N·s/m.
-
-    Each product of gain, Ω^±1 and sin h or cos h is written out so that no factor overflows beside
-    one that vanishes; only k at DC and m at Nyquist (true hold) are left with an infinite factor.
-    """
-    held = grid.held()
-    gain_cos = held.gain * grid.cos
-    gain_sin = held.gain * grid.sin
-    real = (
-        np.multiply(element.damping, gain_cos)
-        + times(element.mass, held.rate * grid.sin)
-        - np.multiply(element.stiffness, gain_cos * (grid.period / 2))
-    )
-    inertial_and_viscous = np.multiply(element.mass, gain_sin * (2 / grid.period)) - np.multiply(
-        element.damping, gain_sin
-    )
-    imaginary = inertial_and_viscous - times(element.stiffness, held.per_rate * grid.cos)
-    lag = grid.lag()
-    # The spring's own part of the imaginary one, times sin ψ, is finite at DC.
-    elastic_lag = gain_cos * grid.cos * lag.sin_per_sin * (grid.period / 2)
-    late_real = (
-        times(lag.cos, real)
-        + lag.sin * inertial_and_viscous
-        - np.multiply(element.stiffness, elastic_lag)
-    )
-    return late_real, times(lag.cos, imaginary) - times(lag.sin, real)
 
 
 def perceived_magnitude(
