@@ -96,11 +96,8 @@ def fitted_values(study: Study) -> TrueValues:
     for name in _CORRELATIONS:
         if name in means:
             shared[name] = float(means[name].mean())
-    zero = Hyperparameters.zero(len(study.data.parameters))
-    hyper = replace(zero, alpha=beta.mean(axis=0), **shared)
     return TrueValues(
-        hyper=hyper,
-        delta=beta - beta.mean(axis=0),
+        hyper=Hyperparameters(alpha=beta.mean(axis=0), **shared),
         beta=beta,
         sigma=means["sigma"].T,
         # With one trial a cell the scatter between trials is part of what a user's value is.

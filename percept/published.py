@@ -172,9 +172,7 @@ def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None
         exact = _match(z[:, j, p], float(mean[j, p]), float(sd[j, p]), where)
         printed = (limits.lower[j][p], limits.upper[j][p])
         adjusted[:, j, p] = _rounded(exact, limits.factor, printed, where)
-    subject, environment = np.indices((count, environments)).reshape(2, -1)
-    trial = np.ones_like(subject)
-    return session_table(design, subject, environment, trial, adjusted.reshape(-1, parameters))
+    return session_table(design, adjusted.reshape(-1, parameters))
 
 
 def _scores(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:

@@ -11,8 +11,8 @@ Each of three steps has its own record, so that a calibration can hold any of th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,6 +28,15 @@ SOURCE = "simulated"
 PARAMETERS = ("k", "b")
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Numbers = Array | float
+
+
+class Rows(NamedTuple):
+    """The N trials of a design, ordered by subject, environment and number; (N,) each."""
+
+    subject: Indices  # index
+    environment: Indices  # index
+    trial: Indices  # number within its cell, from 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +92,15 @@ class Design:
         width = max(2, len(str(len(self.trials))))
         return tuple(f"S{i:0{width}d}" for i in range(1, len(self.trials) + 1))
 
+    def rows(self) -> Rows:
+        """Return who makes which trial where."""
+        counts = self.trials.ravel()
+        cell = np.repeat(np.arange(counts.size), counts)
+        # Number of the first trial of each trial's cell.
+        first = np.repeat(np.cumsum(counts) - counts, counts)
+        subject, environment = np.divmod(cell, self.trials.shape[1])
+        return Rows(subject, environment, np.arange(cell.size) - first + 1)
+
     @property
     def decades(self) -> NDArray[np.float64]:
         """x_jp = log10(reference / geometric mean of the references), (J, P), in decades."""
@@ -102,31 +120,27 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Hyperparameters:
-    """What all environments share, on the model's unit-free scale; arrays are (P,)."""
+    """What all environments share, on the model's unit-free scale; arrays are (P,).
 
-    alpha: Array  # Level of the points of equality
-    gamma: Array  # Their slope per decade
-    tau: Array  # SD of an environment's own shift δ
-    sigma_u: Array  # SD of the subject effect u
-    rho_u: float  # Correlation of two parameters in u
-    s: Array  # Typical SD between subjects within an environment
-    kappa: Array  # Slope of log σ per decade; 0 is Weber's law
-    omega: Array  # SD of log σ about that line
-    rho_w: float  # Correlation of two parameters in w
-    s_e: Array  # The same four for the scatter between trials; zero where there is none
-    kappa_e: Array
-    omega_e: Array
-    rho_e: float
-    omega_s: Array | float = 0.0  # SD of the log of a subject's trial SD over its typical size
-    sigma_trend: Array | float = 0.0  # SD of a subject's own trend per decade
+    By default there is no bias, no scatter and no correlation.
+    """
+
+    alpha: Numbers = 0.0  # Level of the points of equality
+    gamma: Numbers = 0.0  # Their slope per decade
+    tau: Numbers = 0.0  # SD of an environment's own shift δ
+    sigma_u: Numbers = 0.0  # SD of the subject effect u
+    rho_u: float = 0.0  # Correlation of two parameters in u
+    s: Numbers = 0.0  # Typical SD between subjects within an environment
+    kappa: Numbers = 0.0  # Slope of log σ per decade; 0 is Weber's law
+    omega: Numbers = 0.0  # SD of log σ about that line
+    rho_w: float = 0.0  # Correlation of two parameters in w
+    s_e: Numbers = 0.0  # The same four for the scatter between trials; zero where there is none
+    kappa_e: Numbers = 0.0
+    omega_e: Numbers = 0.0
+    rho_e: float = 0.0
+    omega_s: Numbers = 0.0  # SD of the log of a subject's trial SD over its typical size
+    sigma_trend: Numbers = 0.0  # SD of a subject's own trend per decade
     rho_trend: float = 0.0  # Correlation of two parameters in it
-
-    @classmethod
-    def zero(cls, parameters: int) -> Hyperparameters:
-        """No bias, no scatter and no correlation of so many parameters."""
-        names = [field.name for field in fields(cls)]
-        zeros: dict[str, Any] = dict.fromkeys(names, np.zeros(parameters))
-        return cls(**zeros | dict.fromkeys(("rho_u", "rho_w", "rho_e", "rho_trend"), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +148,7 @@ class TrueValues:
     """The state of the world one study is drawn from, on the model's unit-free scale."""
 
     hyper: Hyperparameters
-    delta: Array  # (J, P) an environment's own shift
-    beta: Array  # (J, P) its point of equality α + γx + δ
+    beta: Array  # (J, P) an environment's point of equality α + γx + δ
     sigma: Array  # (J, P) SD between subjects within an environment
     sigma_e: Array  # (J, P) SD between trials, of a typical subject where they differ
 
@@ -144,22 +157,13 @@ class TrueValues:
         hyper = self.hyper
         own = _covariance(self.sigma, hyper.rho_w)
         trends = _covariance(decades * hyper.sigma_trend, hyper.rho_trend)
-        return own + trends + _covariance(hyper.sigma_u, hyper.rho_u)
+        shared = np.broadcast_to(hyper.sigma_u, decades.shape)
+        return own + trends + _covariance(shared, hyper.rho_u)
 
     @property
     def cov_e(self) -> Array:
         """Σ_e,j, (J, P, P); zero where the study has no trial level."""
         return _covariance(self.sigma_e, self.hyper.rho_e)
-
-
-@dataclass(frozen=True, eq=False)
-class Responses:
-    """The N trials of one study on the model's scale, ordered by subject, environment, trial."""
-
-    subject: Indices  # (N,) index
-    environment: Indices  # (N,) index
-    trial: Indices  # (N,) number within its cell, from 1
-    y: Array  # (N, P)
 
 
 def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> Array:
@@ -255,19 +259,18 @@ def draw_environments(
     x = design.decades
     delta = hyper.tau * rng.standard_normal(x.shape)
 
-    def scales(s: Array, kappa: Array, omega: Array) -> Array:
+    def scales(s: Numbers, kappa: Numbers, omega: Numbers) -> Array:
         return s * np.exp(kappa * x + omega * rng.standard_normal(x.shape))
 
     return TrueValues(
         hyper=hyper,
-        delta=delta,
         beta=hyper.alpha + hyper.gamma * x + delta,
         sigma=scales(hyper.s, hyper.kappa, hyper.omega),
         sigma_e=scales(hyper.s_e, hyper.kappa_e, hyper.omega_e),
     )
 
 
-def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator) -> Responses:
+def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator) -> Array:
     """Draw the subjects and their trials, y = β_j + u_i + g_i x_j + w_ij + e_ijr.
 
     Parameters
@@ -281,7 +284,8 @@ def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator)
 
     Returns
     -------
-    Responses
+    ndarray, shape (N, P)
+        The trials in the order of `Design.rows`, on the model's scale.
     """
     subjects, environments = design.trials.shape
     parameters = len(design.parameters)
@@ -289,26 +293,17 @@ def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator)
     u = hyper.sigma_u * correlated_normal(rng, (subjects, parameters), hyper.rho_u)
     # Drawn for empty cells too.
     w = values.sigma * correlated_normal(rng, (subjects, environments, parameters), hyper.rho_w)
-    counts = design.trials.ravel()
-    cell = np.repeat(np.arange(counts.size), counts)
-    subject, environment = np.divmod(cell, environments)
-    # Number of the first trial of each trial's cell.
-    first = np.repeat(np.cumsum(counts) - counts, counts)
+    subject, environment, _ = design.rows()
     trial_sd = values.sigma_e[environment]
     if np.any(hyper.omega_s):
         ratios = np.exp(hyper.omega_s * rng.standard_normal((subjects, parameters)))
         trial_sd = trial_sd * ratios[subject]
-    e = trial_sd * correlated_normal(rng, (cell.size, parameters), hyper.rho_e)
+    e = trial_sd * correlated_normal(rng, (subject.size, parameters), hyper.rho_e)
     of_subjects = u[:, None] + w
     if np.any(hyper.sigma_trend):
         trends = hyper.sigma_trend * correlated_normal(rng, u.shape, hyper.rho_trend)
         of_subjects += trends[:, None] * design.decades
-    return Responses(
-        subject=subject,
-        environment=environment,
-        trial=np.arange(cell.size) - first + 1,
-        y=values.beta[environment] + of_subjects[subject, environment] + e,
-    )
+    return values.beta[environment] + of_subjects[subject, environment] + e
 
 
 def simulate(
@@ -341,44 +336,35 @@ def simulate(
     RefusalError
         A response leaves the range of doubles.
     """
-    responses = draw_responses(values, design, rng)
-    reference = design.references[responses.environment]
+    y = draw_responses(values, design, rng)
     with np.errstate(over="ignore", under="ignore"):
-        ratio = np.exp(responses.y) if family == "lognormal" else 1 + responses.y
-        adjusted = reference * ratio
+        ratio = np.exp(y) if family == "lognormal" else 1 + y
+        adjusted = design.references[design.rows().environment] * ratio
     lost = ~np.isfinite(adjusted)
     if family == "lognormal":
         lost |= adjusted <= 0
     if lost.any():
         message = "a drawn response leaves the range of doubles."
-        value = float(responses.y[lost][0])
-        raise RefusalError(message, value=value, hint="Use another seed.")
-    return session_table(
-        design, responses.subject, responses.environment, responses.trial, adjusted
-    )
+        raise RefusalError(message, value=float(y[lost][0]), hint="Use another seed.")
+    return session_table(design, adjusted)
 
 
-def session_table(
-    design: Design, subject: Indices, environment: Indices, trial: Indices, adjusted: Array
-) -> pd.DataFrame:
+def session_table(design: Design, adjusted: Array) -> pd.DataFrame:
     """Put N trials into a tidy table.
 
     Parameters
     ----------
     design : Design
         Names and references.
-    subject, environment : ndarray of int, shape (N,)
-        Indices.
-    trial : ndarray of int, shape (N,)
-        Number within its cell, from 1.
     adjusted : ndarray, shape (N, P)
-        Adjusted values, in the units of the parameters.
+        Adjusted values in the order of `Design.rows`, in the units of the parameters.
 
     Returns
     -------
     DataFrame
         The columns of a session file, and `source`.
     """
+    subject, environment, trial = design.rows()
     columns: dict[str, object] = {
         "subject": np.array(design.subjects, dtype=object)[subject],
         "session": "1",

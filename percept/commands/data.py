@@ -10,16 +10,12 @@ import shlex
 import sys
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from percept import __version__
 from percept.commands import JSON, Command, argument, number
 from percept.commands.analysis import SESSIONS, Working, print_json, read_scene
 from percept.errors import UsageError, counted
 from percept.files import write_whole
-
-if TYPE_CHECKING:
-    pass
 
 
 def _validate(arguments: argparse.Namespace) -> int:

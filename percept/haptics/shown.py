@@ -21,6 +21,7 @@ from percept.haptics.arrays import LARGEST, FloatArray, IntArray
 from percept.haptics.loop import search_grid
 from percept.haptics.perceived import Display, displayed, shown_element
 from percept.haptics.records import Device, Mode
+from percept.haptics.rendering import Joined
 from percept.searches import lowest
 
 __all__ = [
@@ -81,7 +82,8 @@ def shown_limits(display: Display, lower: float, upper: float) -> ShownLimits:
     least = signed(np.array([[lower], [upper]]), np.arange(4)).min(axis=0)
     is_heavy = display.coupling is not None and bool(display.environment.mass)
     if is_heavy or loop.velocity_filter is not None:
-        candidates = search_grid(loop, _behind_coupling(display), within=(lower, upper))
+        joined = Joined.of(display.environment, display.coupling)
+        candidates = search_grid(loop, joined.resonances(), within=(lower, upper))
         least = lowest(signed, candidates, 4).value
     stiffness, damping = np.stack([least[:2], -least[2:]], axis=1)
     return ShownLimits(stiffness, damping)
@@ -152,15 +154,5 @@ def _resonances(display: Display, stiffness: Side) -> tuple[Mode, ...]:
     damping = rigid.damping + environment.damping
     springs = [environment.stiffness, *np.maximum(stiffness, 0.0).tolist()]
     modes = [Mode(mass, rigid.stiffness + spring, damping) for spring in springs]
-    return (*modes, *_behind_coupling(display))
-
-
-def _behind_coupling(display: Display) -> tuple[Mode, ...]:
-    """Return what an environment's mass makes with its own spring and the coupling's."""
-    environment = display.environment
-    coupling = display.coupling
-    if coupling is None:
-        return ()
-    stiffness = environment.stiffness + coupling.stiffness
-    damping = environment.damping + coupling.damping
-    return (Mode(environment.mass, stiffness, damping),)
+    joined = Joined.of(environment, display.coupling)
+    return (*modes, *joined.resonances())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Literal
 
@@ -75,8 +75,7 @@ def simulated(design: StudyDesign, seed: int) -> Observed:
 
     correlation = design.correlation if size == 2 else 0.0
     repeated = float(plan.repeated)
-    hyper = replace(
-        Hyperparameters.zero(size),
+    hyper = Hyperparameters(
         alpha=same(0.05),
         gamma=same(0.02),
         tau=same(0.05),
@@ -89,14 +88,14 @@ def simulated(design: StudyDesign, seed: int) -> Observed:
         omega_e=same(0.2 * repeated),
         rho_e=correlation,
     )
-    responses = draw_responses(draw_environments(hyper, plan, rng), plan, rng)
-    response = responses.y.copy()
-    response[responses.subject == 0] += np.log(design.outlier)
+    response = draw_responses(draw_environments(hyper, plan, rng), plan, rng)
+    subject, environment, _ = plan.rows()
+    response[subject == 0] += np.log(design.outlier)
     return Observed(
         design.parameters,
         response,
-        responses.subject,
-        responses.environment,
+        subject,
+        environment,
         np.arange(design.environments),
         plan.decades.T,
     )

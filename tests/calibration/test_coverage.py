@@ -62,8 +62,7 @@ def fixed_values(*, spread: float, environments: int, parameters: int = 2) -> Tr
     """Unbiased users of one spread everywhere, k and b independent."""
     zero = np.zeros((environments, parameters))
     return TrueValues(
-        hyper=Hyperparameters.zero(parameters),
-        delta=zero,
+        hyper=Hyperparameters(),
         beta=zero,
         sigma=zero + spread,
         sigma_e=zero,
@@ -185,7 +184,7 @@ def test_fitted_values_are_those_of_the_fit() -> None:
     named = {name: values for name, (_, values) in model.scales(study.fit.points).items()}
     for name in ("rho_u", "rho_w"):
         assert getattr(truth.hyper, name) == pytest.approx(named[name].mean())
-    np.testing.assert_allclose(truth.hyper.alpha + truth.delta, truth.beta, atol=1e-12)
+    np.testing.assert_allclose(truth.beta.mean(axis=0), truth.hyper.alpha, rtol=1e-12)
     np.testing.assert_allclose(truth.sigma.T, named["sigma"].mean(axis=0), rtol=1e-12)
     reference = np.array([study.data.reference[cell] for cell in model.cells])
     # Estimates are of all kept draws, and good to .05 of half-widths of some tenths.

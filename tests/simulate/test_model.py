@@ -97,7 +97,7 @@ def test_environments_depart_from_their_trends_each_by_itself() -> None:
     log_sigma = np.log(hyper.s) + hyper.kappa * design.decades
     log_sigma_e = np.log(hyper.s_e) + hyper.kappa_e * design.decades
     departures = [
-        values.delta / hyper.tau,
+        (values.beta - hyper.alpha - hyper.gamma * design.decades) / hyper.tau,
         (np.log(values.sigma) - log_sigma) / hyper.omega,
         (np.log(values.sigma_e) - log_sigma_e) / hyper.omega_e,
     ]
@@ -114,7 +114,7 @@ def test_moments_of_the_responses() -> None:
     design = Design.balanced(REFERENCES[:2], subjects=subjects, trials=trials)
     rng = np.random.default_rng(11)
     values = draw_environments(hyperparameters(), design, rng)
-    y = draw_responses(values, design, rng).y.reshape(subjects, 2, trials, 2)
+    y = draw_responses(values, design, rng).reshape(subjects, 2, trials, 2)
     means = y.mean(axis=2)
     within = (y - means[:, :, None])[:, :, :, :, None] * (y - means[:, :, None])[:, :, :, None, :]
     within = within.sum(axis=2) / (trials - 1)
@@ -196,7 +196,7 @@ def test_rows_are_the_responses_on_the_references(family: str) -> None:
         ("S02", "middle", 1),
         ("S02", "hard", 1),
     ]
-    for (_, row), y in zip(table.iterrows(), responses.y, strict=True):
+    for (_, row), y in zip(table.iterrows(), responses, strict=True):
         reference = dict(zip(UNEVEN.environments, UNEVEN.references, strict=True))[
             row["environment"]
         ]
@@ -211,8 +211,6 @@ def test_rows_are_the_responses_on_the_references(family: str) -> None:
 @pytest.mark.parametrize("beta", [1e4, -1e4])
 def test_values_no_double_can_hold(beta: float) -> None:
     cells = np.full((3, 2), beta)
-    values = TrueValues(
-        hyperparameters(), np.zeros((3, 2)), cells, np.ones((3, 2)), np.ones((3, 2))
-    )
+    values = TrueValues(hyperparameters(), cells, np.ones((3, 2)), np.ones((3, 2)))
     with pytest.raises(RefusalError, match="leaves the range of doubles"):
         simulate(values, UNEVEN, np.random.default_rng(1))
