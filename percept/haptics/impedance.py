@@ -329,12 +329,8 @@ def coupling_admittance(
         As `coupling_impedance`.
     """
     z_c = coupling_impedance(loop, omega, coupling, discretization=discretization)
-    size = np.hypot(z_c.real, z_c.imag)
-    # Dividing twice by the modulus keeps its square from leaving the range of a double.
-    cos = ratio(z_c.real, size, empty=0.0)
-    sin = ratio(-z_c.imag, size, empty=0.0)
-    real = ratio(cos, size, empty=np.inf)
-    return complex_from(real, ratio(sin, size, empty=0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(z_c == 0, np.inf, 1 / z_c)[()]
 
 
 def spring_damping(coupling: Coupling, period: float, discretization: str) -> FloatArray:

@@ -158,9 +158,10 @@ class Loop:
         return _PI / self.period
 
     @property
-    def is_rigid(self) -> bool:
-        """Whether the device is a mass, a damper and a spring alone."""
-        return isinstance(self.device, Device) and not self.device.modes
+    def rigid(self) -> Device | None:
+        """The device where it is a mass, a damper and a spring alone."""
+        device = self.device
+        return device if isinstance(device, Device) and not device.modes else None
 
     def at(self, omega: ArrayLike) -> Warp:
         """Check ω and return its angles.
@@ -255,12 +256,12 @@ class Warp:
 
     def held(self) -> Held:
         """Return the gain of the loop's hold and its products with Ω."""
-        with np.errstate(divide="ignore"):
-            if self.loop.hold == "average":
-                per_rate = (self.period / 2) * self.cos**2 / self.sin
-                return Held(self.cos, (2 / self.period) * self.sin, per_rate)
+        gain = self.cos
+        rate = (2 / self.period) * self.sin
+        if self.loop.hold == "true":
             gain = np.sinc(self.half / np.pi)
-            return Held(gain, gain * self.rate, gain * self.inverse_rate)
+            rate = gain * self.rate
+        return Held(gain, rate, gain * self.inverse_rate)
 
     def lag(self) -> Lag:
         """Return by how much the loop is delayed."""

@@ -54,6 +54,12 @@ class _Parameters:
             some[name] = np.asarray(value)[which] if np.ndim(value) else value
         return replace(self, **some)  # type: ignore[type-var]  # every subclass is a dataclass
 
+    def flat(self, shape: tuple[int, ...]) -> Self:
+        """Broadcast the fields to a shape, and take them flat."""
+        parameters = self.parameters().items()
+        all_flat = {name: np.broadcast_to(value, shape).ravel() for name, value in parameters}
+        return replace(self, **all_flat)  # type: ignore[type-var]  # as above
+
 
 @dataclass(frozen=True)
 class Environment(_Parameters):

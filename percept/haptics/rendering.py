@@ -144,15 +144,8 @@ class Joined:
             if record is not None:
                 given += record.parameters().values()
         shape = np.broadcast_shapes(*(np.shape(value) for value in given))
-
-        def flat(record: Environment | Coupling) -> dict[str, FloatArray]:
-            parameters = record.parameters().items()
-            return {name: np.broadcast_to(value, shape).ravel() for name, value in parameters}
-
         return cls(
-            environment and replace(environment, **flat(environment)),
-            coupling and replace(coupling, **flat(coupling)),
-            shape,
+            environment and environment.flat(shape), coupling and coupling.flat(shape), shape
         )
 
     @property
@@ -283,9 +276,8 @@ def needed_damping(
     if not (loop.delay or loop.velocity_filter or heavy):
         damping = _damping_at_nyquist(loop.period, environment, coupling)
         return NeededDamping(stored(damping), stored(np.full(damping.shape, loop.nyquist)))
-    joined = Joined.of(environment, coupling)
-    damping, omega = _largest_load(replace(loop, device=_UNIT_DAMPER), joined)
-    return NeededDamping(stored(damping.reshape(joined.shape)), stored(omega.reshape(joined.shape)))
+    damping, omega = _largest_load(replace(loop, device=_UNIT_DAMPER), environment, coupling)
+    return NeededDamping(stored(damping), stored(omega))
 
 
 def _damping_at_nyquist(
@@ -307,12 +299,15 @@ def _damping_at_nyquist(
     return np.asarray(smaller * ratio(larger, smaller + larger, empty=0.0))
 
 
-def _largest_load(loop: Loop, joined: Joined) -> tuple[FloatArray, FloatArray]:
-    """Search the largest load over ω of n that join a device, (n,), and where it is, rad/s.
+def _largest_load(
+    loop: Loop, environment: Environment | None, coupling: Coupling | None
+) -> tuple[FloatArray, FloatArray]:
+    """Search the largest load over ω, and where it is, rad/s; both of the broadcast shape.
 
     It is inf where a pole of H lies outside the circle. On a device of 1 N·s/m it is the damping
     needed.
     """
+    joined = Joined.of(environment, coupling)
     of_force = search_grid(replace(loop, device=_NO_DEVICE), joined.resonances())
     candidates = np.unique(np.concatenate([of_force, alias_features(loop)]))
 
@@ -322,7 +317,8 @@ def _largest_load(loop: Loop, joined: Joined) -> tuple[FloatArray, FloatArray]:
 
     least = lowest(negative_load, candidates, joined.size)
     outside = _has_pole_outside(loop, candidates, joined)
-    return np.where(outside, np.inf, -least.value), least.x
+    load = np.where(outside, np.inf, -least.value)
+    return load.reshape(joined.shape), least.x.reshape(joined.shape)
 
 
 def _has_pole_outside(loop: Loop, omega: FloatArray, joined: Joined) -> FloatArray:
@@ -357,9 +353,11 @@ def rendering_margins(
     ndarray
         Of the broadcast shape; above 1 the device renders with every passive hand.
     """
-    joined = Joined.of(environment, coupling)
-    load, _ = _largest_load(loop, joined)
-    return ratio(1.0, load, empty=np.inf).reshape(joined.shape)
+    if loop.rigid is not None:
+        need = needed_damping(loop, environment, coupling=coupling)
+        return ratio(loop.rigid.damping, need.damping, empty=np.inf)
+    load, _ = _largest_load(loop, environment, coupling)
+    return ratio(1.0, load, empty=np.inf)
 
 
 def can_render(
@@ -382,13 +380,13 @@ def can_render(
     device = loop.device
     refuse_arrays(device, coupling, environment)
     need = needed_damping(loop, environment, coupling=coupling)
-    if isinstance(device, Device) and loop.is_rigid:
-        margin = float(ratio(device.damping, need.damping, empty=np.inf))
+    if loop.rigid is not None:
+        margin = float(ratio(loop.rigid.damping, need.damping, empty=np.inf))
         binding = float(need.omega)
     else:
-        load, omega = _largest_load(loop, Joined.of(environment, coupling))
-        margin = float(ratio(1.0, load[0], empty=np.inf))
-        binding = float(omega[0])
+        load, omega = _largest_load(loop, environment, coupling)
+        margin = float(ratio(1.0, load, empty=np.inf))
+        binding = float(omega)
     verdict: Literal["can", "cannot", "undecided"] = "can"
     reason = f"The smallest margin is {margin:.6g}, at {binding:.6g} rad/s."
     if np.isinf(need.damping):
@@ -432,8 +430,5 @@ def rendered_region(loop: Loop) -> RenderedRegion:
     """
     damping = np.linspace(0.0, 1.0, _EDGE_POINTS)
     wall = Environment((1 - damping) * 2 / loop.period, damping)
-    if isinstance(loop.device, Device) and loop.is_rigid:
-        reach = ratio(loop.device.damping, needed_damping(loop, wall).damping, empty=np.inf)
-    else:
-        reach = rendering_margins(loop, wall)
+    reach = rendering_margins(loop, wall)
     return RenderedRegion(reach * wall.stiffness, reach * wall.damping)

@@ -288,9 +288,9 @@ def absolute_stability(
     """
     device = loop.device
     refuse_arrays(device, coupling)
-    if isinstance(device, Device) and loop.is_rigid:
+    if loop.rigid is not None:
         need = required_damping(loop, coupling, discretization=discretization)
-        smallest = float(ratio(device.damping, need.damping, empty=np.inf))
+        smallest = float(ratio(loop.rigid.damping, need.damping, empty=np.inf))
         binding = float(need.omega)
     else:
 
@@ -346,8 +346,8 @@ def max_coupling_stiffness(
         delay, a filter, modes or a table.
     """
     one_of(discretization, "discretization", DISCRETIZATIONS)
-    device = loop.device
-    if loop.delay or loop.velocity_filter or not (isinstance(device, Device) and loop.is_rigid):
+    device = loop.rigid
+    if loop.delay or loop.velocity_filter or device is None:
         raise UsageError(
             "the largest stiffness is known for a rigid device without delay and filter.",
             hint="Compare the device with required_damping of several couplings.",
