@@ -245,7 +245,6 @@ def _with_damper(grid: Warp, element: Element, damping: Scalars) -> Element:
     if velocity_filter.order == 1:
         end = (2 / grid.period) * float(np.tan(velocity_filter.cutoff * grid.period / 2))
     stiffness = ratio(-response.imag * (2 / grid.period) * grid.sin, grid.cos, empty=end)
-    stiffness = np.where(grid.cos == 0, end, stiffness)
     return Element(
         stiffness=element.stiffness + np.multiply(damping, stiffness),
         damping=element.damping + np.multiply(damping, response.real),

@@ -32,7 +32,7 @@ from percept.haptics.impedance import (
     series,
 )
 from percept.haptics.loop import Loop, Warp
-from percept.haptics.records import Coupling, Device, Environment
+from percept.haptics.records import Coupling, Device, Environment, joint_shape
 
 __all__ = [
     "Boxes",
@@ -169,12 +169,8 @@ class Display:
     @property
     def count(self) -> int | None:
         """Number of displays, n; None where no parameter is an array."""
-        parameters: list[Scalars] = []
-        for record in (self.loop.device, self.coupling):
-            if isinstance(record, Device | Coupling):
-                parameters += record.parameters().values()
-        lengths = [np.size(parameter) for parameter in parameters if np.ndim(parameter)]
-        return max(lengths, default=None)
+        shape = joint_shape(self.loop.device, self.coupling)
+        return shape[0] if shape else None
 
     def select(self, which: IntArray) -> Display:
         """Return the displays of these indices, in this order."""

@@ -29,6 +29,7 @@ __all__ = [
     "Mode",
     "NeededDamping",
     "TabulatedDevice",
+    "joint_shape",
     "refuse_arrays",
 ]
 
@@ -274,6 +275,15 @@ class NeededDamping(NotebookRecord):
 
 AnyDevice: TypeAlias = Device | TabulatedDevice
 """What every argument called `device` accepts."""
+
+
+def joint_shape(*records: AnyDevice | Environment | Coupling | None) -> tuple[int, ...]:
+    """Return the shape that the parameters of records broadcast to; a table and None have none."""
+    shapes = []
+    for record in records:
+        if isinstance(record, _Parameters):
+            shapes += [np.shape(value) for value in record.parameters().values()]
+    return np.broadcast_shapes(*shapes)
 
 
 def refuse_arrays(

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics.aliases import Aliases, alias_features, aliases
-from percept.haptics.arrays import FloatArray, IntArray, Scalars, ratio, stored
+from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars, ratio, stored
 from percept.haptics.impedance import filter_response
 from percept.haptics.loop import Loop, VelocityFilter, Warp, search_grid
 from percept.haptics.records import (
@@ -36,6 +36,7 @@ from percept.haptics.records import (
     Mode,
     NeededDamping,
     TabulatedDevice,
+    joint_shape,
     refuse_arrays,
 )
 from percept.html import NotebookRecord
@@ -43,7 +44,6 @@ from percept.searches import lowest
 
 __all__ = [
     "Force",
-    "Joined",
     "RenderedRegion",
     "Rendering",
     "can_render",
@@ -52,6 +52,7 @@ __all__ = [
     "rendered_region",
     "rendering_load",
     "rendering_margins",
+    "resonances",
 ]
 
 # Couplings, evenly from the softest to the stiffest, whose resonances with an environment's mass
@@ -128,50 +129,20 @@ def force_of(grid: Warp, environment: Environment | None, coupling: Coupling | N
     return joined if shown is None else _in_series(grid, joined, shown)
 
 
-@dataclass(frozen=True)
-class Joined:
-    """What joins a device: n environments, n couplings, or n of both; parameters of shape (n,)."""
-
-    environment: Environment | None
-    coupling: Coupling | None
-    shape: tuple[int, ...]  # That n stands for
-
-    @classmethod
-    def of(cls, environment: Environment | None, coupling: Coupling | None) -> Joined:
-        """Broadcast all parameters and take them flat."""
-        given: list[Scalars] = []
-        for record in (environment, coupling):
-            if record is not None:
-                given += record.parameters().values()
-        shape = np.broadcast_shapes(*(np.shape(value) for value in given))
-        return cls(
-            environment and environment.flat(shape), coupling and coupling.flat(shape), shape
-        )
-
-    @property
-    def size(self) -> int:
-        """Number n."""
-        return int(np.prod(self.shape))
-
-    def select(self, which: IntArray) -> Joined:
-        """Return some of them."""
-        environment = self.environment and self.environment.select(which)
-        coupling = self.coupling and self.coupling.select(which)
-        return Joined(environment, coupling, which.shape)
-
-    def resonances(self) -> tuple[Mode, ...]:
-        """Return modes that resonate where H does: an environment's mass on all springs."""
-        if self.environment is None or not np.any(self.environment.mass):
-            return ()
-        stiffness = np.asarray(self.environment.stiffness)
-        damping = np.asarray(self.environment.damping)
-        if self.coupling is not None:
-            stiffness = stiffness + self.coupling.stiffness
-            damping = damping + self.coupling.damping
-        order = np.argsort(stiffness)
-        some = order[np.linspace(0, order.size - 1, min(_RESONANCES, order.size)).astype(int)]
-        masses = np.asarray(self.environment.mass)
-        return tuple(Mode(masses[one], stiffness[one], damping[one]) for one in some)
+def resonances(environment: Environment | None, coupling: Coupling | None) -> tuple[Mode, ...]:
+    """Return modes that resonate where H does: an environment's mass on all springs."""
+    if environment is None or not np.any(environment.mass):
+        return ()
+    stiffness = environment.stiffness
+    damping = environment.damping
+    if coupling is not None:
+        stiffness = stiffness + coupling.stiffness
+        damping = damping + coupling.damping
+    modes = np.stack(np.broadcast_arrays(environment.mass, stiffness, damping), axis=-1)
+    modes = modes.reshape(-1, 3)
+    order = np.argsort(modes[:, 1])
+    some = order[np.linspace(0, order.size - 1, min(_RESONANCES, order.size)).astype(int)]
+    return tuple(Mode(*mode) for mode in modes[some])
 
 
 @dataclass(frozen=True)
@@ -307,36 +278,40 @@ def _largest_load(
     It is inf where a pole of H lies outside the circle. On a device of 1 N·s/m it is the damping
     needed.
     """
-    joined = Joined.of(environment, coupling)
-    of_force = search_grid(replace(loop, device=_NO_DEVICE), joined.resonances())
+    shape = joint_shape(environment, coupling)
+    environments = environment and environment.flat(shape)
+    couplings = coupling and coupling.flat(shape)
+    of_force = search_grid(replace(loop, device=_NO_DEVICE), resonances(environment, coupling))
     candidates = np.unique(np.concatenate([of_force, alias_features(loop)]))
 
     def negative_load(omega: FloatArray, which: IntArray) -> FloatArray:
-        some = joined.select(which)
-        return -rendering_load(loop, omega, some.environment, coupling=some.coupling)
+        rendered = environments and environments.select(which)
+        return -rendering_load(
+            loop, omega, rendered, coupling=couplings and couplings.select(which)
+        )
 
-    least = lowest(negative_load, candidates, joined.size)
-    outside = _has_pole_outside(loop, candidates, joined)
+    least = lowest(negative_load, candidates, int(np.prod(shape)))
+    outside = _has_pole_outside(loop, candidates, environments, couplings)
     load = np.where(outside, np.inf, -least.value)
-    return load.reshape(joined.shape), least.x.reshape(joined.shape)
+    return load.reshape(shape), least.x.reshape(shape)
 
 
-def _has_pole_outside(loop: Loop, omega: FloatArray, joined: Joined) -> FloatArray:
+def _has_pole_outside(
+    loop: Loop, omega: FloatArray, environment: Environment | None, coupling: Coupling | None
+) -> BoolArray:
     """Say which H has a pole outside the unit circle, (n,), by the argument principle.
 
     The poles are the zeros of H_c + H_e. Without a filter they all lie inside: a backward
     difference maps the left half plane there.
     """
-    environment = joined.environment
-    coupling = joined.coupling
     if environment is None or coupling is None or loop.velocity_filter is None:
-        return np.zeros(joined.size, dtype=bool)
-    total = np.zeros((omega.size, joined.size), dtype=np.complex128)
+        return np.zeros(1, dtype=bool)
+    total = np.zeros((omega.size, 1), dtype=np.complex128)
     unfiltered = replace(loop, velocity_filter=None)
     for its_loop, behind, at_device in ((unfiltered, environment, None), (loop, None, coupling)):
         grid = its_loop.at(omega[:, None])
         force = force_of(grid, behind, at_device)
-        total += force.real + 1j * grid.sin * force.slope
+        total = total + force.real + 1j * grid.sin * force.slope
     steps = np.angle(total[1:] * np.conj(total[:-1]))
     return np.asarray(steps.sum(axis=0) < -_TURNED)
 

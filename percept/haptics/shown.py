@@ -21,7 +21,7 @@ from percept.haptics.arrays import LARGEST, FloatArray, IntArray
 from percept.haptics.loop import search_grid
 from percept.haptics.perceived import Display, displayed, shown_element
 from percept.haptics.records import Device, Mode
-from percept.haptics.rendering import Joined
+from percept.haptics.rendering import resonances
 from percept.searches import lowest
 
 __all__ = [
@@ -82,8 +82,8 @@ def shown_limits(display: Display, lower: float, upper: float) -> ShownLimits:
     least = signed(np.array([[lower], [upper]]), np.arange(4)).min(axis=0)
     is_heavy = display.coupling is not None and bool(display.environment.mass)
     if is_heavy or loop.velocity_filter is not None:
-        joined = Joined.of(display.environment, display.coupling)
-        candidates = search_grid(loop, joined.resonances(), within=(lower, upper))
+        modes = resonances(display.environment, display.coupling)
+        candidates = search_grid(loop, modes, within=(lower, upper))
         least = lowest(signed, candidates, 4).value
     stiffness, damping = np.stack([least[:2], -least[2:]], axis=1)
     return ShownLimits(stiffness, damping)
@@ -154,5 +154,4 @@ def _resonances(display: Display, stiffness: Side) -> tuple[Mode, ...]:
     damping = rigid.damping + environment.damping
     springs = [environment.stiffness, *np.maximum(stiffness, 0.0).tolist()]
     modes = [Mode(mass, rigid.stiffness + spring, damping) for spring in springs]
-    joined = Joined.of(environment, display.coupling)
-    return (*modes, *joined.resonances())
+    return (*modes, *resonances(environment, display.coupling))
