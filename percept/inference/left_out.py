@@ -29,8 +29,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _LOG_2PI = math.log(2.0 * math.pi)
-#: Numbers in the largest temporary of a batch of draws.
-_BATCH = 1 << 20
 #: Draws times cells of subjects that leaving out rests on, at most; and draws that weights need.
 _MOST_NUMBERS = 1 << 20
 _FEWEST_DRAWS = 500
@@ -90,14 +88,10 @@ class SubjectDensity:
         """Numbers a subject contributes: cells times parameters, shape (N,)."""
         return self._of_subject.sum(axis=0) * float(self.parameters)
 
-    def batches(self, points: Array) -> Iterator[tuple[slice, SubjectLaws]]:
-        """Yield slices of draws (S, d), few enough for small temporaries, and their laws."""
-        cells = self.parameters * self.environments
-        numbers = cells * (self.subjects + 4 * cells)  # for each draw
-        step = max(1, _BATCH // numbers)
-        for start in range(0, len(points), step):
-            cut = slice(start, min(start + step, len(points)))
-            yield cut, subject_laws(self.density, points[cut])
+    def laws(self, points: Array) -> Iterator[SubjectLaws]:
+        """Yield the laws at draws (S, d), pass by pass."""
+        for part in self.density.passes(points):
+            yield subject_laws(self.density, part)
 
     @property
     def most_draws(self) -> int:
@@ -106,23 +100,21 @@ class SubjectDensity:
 
     def left_out(self, points: Array) -> LeftOut:
         """Predict each subject's data from draws of the scales, (W, d), and the others' data."""
-        by_subject = (len(points), self.subjects)
-        by_cell = (len(points), *self._means.shape)
+        passes = [vars(self._predicted(laws)).values() for laws in self.laws(points)]
+        return LeftOut(*(np.concatenate(parts) for parts in zip(*passes, strict=True)))
+
+    def _predicted(self, laws: SubjectLaws) -> LeftOut:
+        """Predict at the draws of some laws."""
+        *by_cell, width = laws.mean.shape
+        by_subject = (width, self.subjects)
         predicted = LeftOut(
             log_density=np.empty(by_subject),
             distance=np.empty(by_subject),
-            standard=np.full(by_cell, np.nan),
-            location=np.empty(by_cell),
-            location_sd=np.empty(by_cell),
+            standard=np.full((*by_subject, *by_cell), np.nan),
+            location=np.empty((*by_subject, *by_cell)),
+            location_sd=np.empty((*by_subject, *by_cell)),
             covariance=np.empty((*by_subject, self.environments)),
         )
-        for cut, laws in self.batches(points):
-            self._predict(LeftOut(*(array[cut] for array in vars(predicted).values())), laws)
-        return predicted
-
-    def _predict(self, predicted: LeftOut, laws: SubjectLaws) -> None:
-        """Fill in the predictions at the draws of some laws."""
-        *by_cell, width = laws.mean.shape
         flat = laws.columns.reshape(len(laws.columns), -1, width).transpose(2, 0, 1)
         for g, pattern in enumerate(self.density.statistics.patterns):
             members = pattern.members
@@ -161,6 +153,7 @@ class SubjectDensity:
             predicted.standard[:, rows, :, present] = standard.transpose(1, 3, 0, 2)
         trials = self._between_trials(laws.scales.trial) - 0.5 * _LOG_2PI * self.degrees
         predicted.log_density[...] += trials
+        return predicted
 
     def _between_trials(self, groups: Block | None) -> Array | float:
         """Log density of trials about their cell means, (W, N); zero without repeats."""

@@ -34,7 +34,7 @@ def new_studies(
 
     They are NaN in cells that a subject lacks.
     """
-    for _, laws in subjects.batches(points):
+    for laws in subjects.laws(points):
         latents, size, cells, width = laws.columns.shape
         normals = rng.standard_normal((latents, width))
         beta = laws.mean + np.einsum("rpcw,rw->pcw", laws.columns, normals)

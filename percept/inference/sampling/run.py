@@ -91,7 +91,7 @@ _MOST_GROWTH = 2.0
 
 
 #: Kept draws of a part, over all ensembles.
-MOST_DRAWS = 1 << 17
+_MOST_DRAWS = 1 << 17
 #: Numbers worked out from the draws of a part, 256 MiB; two parts are held.
 _MOST_NUMBERS = 1 << 25
 #: Positions of a part, at least: fewer could not span the autocorrelation times the gate needs.
@@ -104,7 +104,6 @@ class Task:
 
     estimands: Estimands
     settings: Settings
-    most_draws: int  # Kept draws of a part
     progress: Callable[[Progress], None] | None
 
 
@@ -134,7 +133,7 @@ class Chain:
         components = task.estimands.components(transported.map(points[0, :1])).shape[-1]
         # A component needs room for its values and for about two influence functions.
         room = _MOST_NUMBERS // (dimension + 3 * components)
-        draws = min(task.most_draws, room)
+        draws = min(_MOST_DRAWS, room)
         # Positions of all walkers that a part has room for.
         self._most_positions = max(draws // (ensembles * walkers), FEWEST_POSITIONS)
         # Steps that the current part is to span.
@@ -285,7 +284,6 @@ def sample(
     settings: Settings,
     *,
     progress: Callable[[Progress], None] | None = None,
-    most_draws: int = MOST_DRAWS,
 ) -> Run:
     """Sample a target with emcee to a stated accuracy.
 
@@ -299,8 +297,6 @@ def sample(
         Tolerance, seed, and how many ensembles, walkers and steps.
     progress : callable, optional
         Told the state of the run after every round.
-    most_draws : int
-        Kept draws that are held at once, over all ensembles; longer runs are estimated in parts.
 
     Returns
     -------
@@ -313,7 +309,7 @@ def sample(
         A density that is NaN somewhere, or -inf everywhere.
     """
     _keep_freed_memory()
-    task = Task(estimands, settings, most_draws, progress)
+    task = Task(estimands, settings, progress)
     # Two seeds to begin with, and two for each restart.
     seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_RESTARTS)
     walkers = settings.walkers or _WALKERS

@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from percept.inference.sampling import run as module
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import FEWEST_POSITIONS, sample
 from tests import LONG
 from tests.inference.sampling.targets import Means, Normal, SkewedHeavy
+
+
+@pytest.fixture(autouse=True)
+def _short_parts(monkeypatch):
+    monkeypatch.setattr(module, "_MOST_DRAWS", 1)
 
 
 class Remembered(Means):
@@ -25,7 +31,7 @@ class Remembered(Means):
 
 def test_means_are_those_of_all_draws():
     means = Remembered()
-    run = sample(SkewedHeavy(3), means, Settings(tolerance=0.0025, seed=3), most_draws=1)
+    run = sample(SkewedHeavy(3), means, Settings(tolerance=0.0025, seed=3))
     assert run.gate.passed, run.gate.reasons
     kept = run.points[..., 0].size
     assert run.points.shape[1] <= FEWEST_POSITIONS
@@ -43,7 +49,7 @@ def test_claimed_errors_of_parts_together_are_right():
     count = 40 if LONG else 3
     means = Means(("E x",), lambda points: points[:, :1])
     runs = [
-        sample(Normal(2), means, Settings(tolerance=0.004, seed=seed), most_draws=1)
+        sample(Normal(2), means, Settings(tolerance=0.004, seed=seed))
         for seed in range(1, count + 1)
     ]
     assert all(run.gate.passed for run in runs)
