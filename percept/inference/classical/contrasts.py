@@ -42,11 +42,9 @@ Array = NDArray[np.float64]
 #: SDs of standardised values, below which the values of two conditions are multiples of one
 #: another.
 _PROPORTION = 1e-12
-#: Squared scatter over the sum of the squared deviations from the common mean, below which the
-#: scatter is rounding alone.
-_NO_SCATTER = 1e-26
-#: The same over the sum of the squared values: each is rounded by up to 1.1e-16 of itself.
-_NO_SCATTER_OF_VALUES = 1e-31
+#: Squared scatter over the sum of the squared values, below which it is rounding alone: values are
+#: rounded by up to 1.1e-16 of themselves, and so is each of the few sums that they enter.
+_NO_SCATTER = 1e-30
 
 
 @dataclass(frozen=True)
@@ -319,9 +317,7 @@ def anova(
         error, rows = _squares(scores, group, sizes, names, between)
         error_of_all += error
         squares += rows
-    least_of_deviations = _NO_SCATTER * float(np.sum(centred**2))
-    least_of_values = _NO_SCATTER_OF_VALUES * float(np.sum(values**2))
-    least = max(least_of_deviations, least_of_values)
+    least = _NO_SCATTER * float(np.sum(values**2))
     for row in squares:
         if row.error <= least:
             raise RefusalError(

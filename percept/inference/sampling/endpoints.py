@@ -26,7 +26,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,14 +254,6 @@ class _Reach:
 _reach = functools.cache(_Reach)
 
 
-class ShareContent(NamedTuple):
-    """Probability, per draw, that an interval holds a share, and its derivatives."""
-
-    probability: Array  # (Q, S)
-    by_half_width: Array  # (Q, S) Its derivative in the half-width
-    by_centre: Array  # (Q, S) And in the centre
-
-
 def share_content(
     half_width: Array,
     centre: Array,
@@ -269,10 +261,11 @@ def share_content(
     sd: Array,
     spread: Array,
     share: float,
-) -> ShareContent:
+) -> tuple[Array, Array, Array]:
     """Probability, per draw, that centre ± half_width holds the share of the population.
 
     Given a draw the population is normal with SD `spread` about a mean that is N(mean, sd²).
+    Returned are also the derivatives in the half-width and in the centre, all (Q, S).
     """
     d, by_half_width = _reach(share)(half_width / spread)
     distance = d * spread
@@ -286,7 +279,7 @@ def share_content(
     upper_density = _normal_density(upper) * peak_density
     lower_density = _normal_density(lower) * peak_density
     by_half_width *= upper_density + lower_density
-    return ShareContent(probability, by_half_width, upper_density - lower_density)
+    return probability, by_half_width, upper_density - lower_density
 
 
 def share_half_width(
@@ -416,12 +409,13 @@ class _MeanContent:
             mean = self.mean[block]
             sd = self.sd[block]
             spread = self.spread[block]
-            content = share_content(half_width, centre, mean, sd, spread, self.share)
-            self.probability[block] = content.probability
-            slope = content.by_half_width
-            sums[0] += content.probability.sum(axis=1)
+            probability, slope, by_centre = share_content(
+                half_width, centre, mean, sd, spread, self.share
+            )
+            self.probability[block] = probability
+            sums[0] += probability.sum(axis=1)
             sums[1] += slope.sum(axis=1)
             slope *= slope
             sums[2] += slope.sum(axis=1)
-            sums[3] += content.by_centre.sum(axis=1)
+            sums[3] += by_centre.sum(axis=1)
         self.means = sums / draws
