@@ -12,7 +12,7 @@ EMPTY = Results(
     provenance=Provenance({}, 1, (), {"inference": {"family": "lognormal"}}),
     data=Data(
         form="trials", simulated=False, subjects=4, rows=4, environments=(), parameters=("k",),
-        quantities={"k": IMPEDANCE["k"]}, counts={}, notices=(), references=1, factor=None,
+        quantities={"k": IMPEDANCE["k"]}, counts={}, notices=(), references=1,
         words=Words("environment", "environments", "subject", "subjects", "user", "users"),
         doubts=(), exclusions=(), design=None, cells=(),
     ),

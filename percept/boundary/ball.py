@@ -66,8 +66,12 @@ class AxisTerm:
 
     def sizes(self) -> tuple[Array, Array]:
         """Return the smallest and the largest size of the term on the axis's grid, N·s/m."""
-        lowest, highest = (self.of_place(np.array([place])) for place in (0.0, 1.0))
-        return np.maximum(0.0, np.maximum(lowest, -highest)), np.maximum(-lowest, highest)
+        lowest = self.of_place(np.zeros(1))
+        highest = self.of_place(np.ones(1))
+        # Where the term changes its sign it is zero in between.
+        smallest = np.maximum(0.0, np.maximum(lowest, -highest))
+        largest = np.maximum(-lowest, highest)
+        return smallest, largest
 
     def native(self, term: Array) -> Array:
         """Return the k or b that makes a term so large."""
@@ -92,22 +96,16 @@ class Content(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Edge:
-    """Where the inner intervals of Q balls end on one side, at J nodes."""
-
-    place: Array  # (Q, J) on the inner axis
-    rate: Array  # (Q, J) how fast it moves out with the log radius
-
-
-@dataclass(frozen=True, eq=False)
 class _Slices:
     """Intervals of the inner value that Q balls leave at J nodes of the outer one."""
 
     span: Array  # (Q, 2) first and last outer place in the ball
     outer: Array  # (Q, J) places of the nodes on the outer axis
     weights: Array  # (Q, J) of the nodes
-    left: _Edge
-    right: _Edge
+    #: Where the inner intervals end on the inner axis, and how fast that moves out with the log
+    #: radius, (Q, J) each.
+    left: tuple[Array, Array]
+    right: tuple[Array, Array]
 
     def integral(self, values: Array) -> Array:
         """Integrate values (Q, J) at the nodes over the outer axis, (Q,)."""
@@ -182,15 +180,16 @@ class Balls:
         slices = self._slices(inner, frequency, radius)
         table = self.law.cumulated[inner]
         row, fraction = cell_and_fraction(slices.outer, len(table))
-        left = _interpolate(table, row, fraction, slices.left.place)
-        right = _interpolate(table, row, fraction, slices.right.place)
-        probability = slices.integral(right.value) - slices.integral(left.value)
+        left, left_rate = slices.left
+        right, right_rate = slices.right
+        up_to_left, left_rise = _interpolate(table, row, fraction, left)
+        up_to_right, right_rise = _interpolate(table, row, fraction, right)
+        probability = slices.integral(up_to_right) - slices.integral(up_to_left)
         missed = self._missed(inner, slices)
         probability += np.where(probability > _LARGE_BALL, missed, 0.0)
-        left_rates = slices.left.rate * left.rise
-        right_rates = slices.right.rate * right.rise
+        growth = left_rate * left_rise + right_rate * right_rise
         cells = table.shape[1] - 1  # A rise is over one cell, a rate over the whole axis
-        slopes = slices.weights * (left_rates + right_rates) * cells
+        slopes = slices.weights * growth * cells
         slope = slopes.sum(axis=1)
         components = np.abs(slopes @ _HIGHEST_POLYNOMIALS)
         highest = components.sum(axis=1)
@@ -256,23 +255,15 @@ def _leg(radius: Array, other: Array) -> Array:
     return np.asarray(np.sqrt(difference) * np.sqrt(total))
 
 
-def _edge(term: AxisTerm, leg: Array, radius: Array) -> _Edge:
-    """Return where the inner term is as large as a leg of either sign."""
+def _edge(term: AxisTerm, leg: Array, radius: Array) -> tuple[Array, Array]:
+    """Return where the inner term is as large as a leg of either sign, and how fast that moves."""
     place = term.place(leg)
     with np.errstate(divide="ignore", invalid="ignore"):
         leg_rate = (radius / np.abs(leg)) * radius
         rate = term.rate(place, leg) * leg_rate
     # A leg of no length has no rate.
     rate[leg == 0.0] = 0.0
-    return _Edge(place, rate)
-
-
-@dataclass(frozen=True, eq=False)
-class _Interpolated:
-    """A table between its points."""
-
-    value: Array
-    rise: Array  # Over the column that the place lies in
+    return place, rate
 
 
 def _interpolate(
@@ -280,8 +271,11 @@ def _interpolate(
     row: Indices,
     row_fraction: Array,
     place: Array,
-) -> _Interpolated:
-    """Interpolate a table (rows, columns) between rows by fractions, and at places along these."""
+) -> tuple[Array, Array]:
+    """Interpolate a table (rows, columns) between rows by fractions, and at places along these.
+
+    The second array is the rise over the column that the place lies in.
+    """
     columns = table.shape[1]
     column, fraction = cell_and_fraction(place, columns)
     flat = table.ravel()
@@ -293,4 +287,4 @@ def _interpolate(
     after = rest * flat.take(point + 1)
     after += row_fraction * flat.take(below + 1)
     rise = after - before
-    return _Interpolated(before + fraction * rise, rise)
+    return before + fraction * rise, rise

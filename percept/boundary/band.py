@@ -117,18 +117,15 @@ def band_laws(
         parameters = {}
         for i, name in enumerate(names):
             parameters[name] = Coefficient(float(values[i]), float(lower[i]), float(upper[i]))
-        carried_by = carrier if law == "offset" else None
         size = size_name(whose.parameter)
         left_out_sentence = _error_sentence(law, typical)
         yield BandLaw(
             **vars(whose),
             model=law,
             parameters=parameters,
-            level=level,
-            sentence=_sentence(law, parameters, left_out_sentence, carried_by, size),
+            sentence=_sentence(law, parameters, left_out_sentence, carrier, size),
             left_out_error=typical[law],
             best=float(np.mean(winners == index)),
-            carried_by=carried_by,
         )
 
 
@@ -172,24 +169,16 @@ def _sentence(
 
 def _error_sentence(law: str, errors: dict[str, float]) -> str:
     """Say how far a law is off from a band left out, and how the others compare."""
-    smallest = min(errors.values())
+    smallest, second, _ = sorted(errors.values())
     if not smallest < _OF_NO_USE:
         return "With one reference left out, no law predicts the band to within a factor of ten."
     rank = "another law does better"
     if errors[law] <= _ALIKE * smallest:
         rank = "no law of the three does clearly better"
-    if law == _clearly_ahead(errors):
+    if errors[law] == smallest and second > _ALIKE * smallest:
         rank = "it is ahead of both other laws"
     typically = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
     return f"With one reference left out, {typically}; {rank}."
-
-
-def _clearly_ahead(errors: dict[str, float]) -> str | None:
-    """Name the law that predicts to some use, and clearly better than both others."""
-    ahead = min(LAWS, key=errors.__getitem__)
-    smallest, second, _ = sorted(errors.values())
-    clear = smallest < _OF_NO_USE and second > _ALIKE * smallest
-    return ahead if clear else None
 
 
 def size_name(parameter: str | None) -> str:
@@ -254,7 +243,8 @@ def _fit_offset(impedance: Array, log_bands: Array) -> Array:
 
     def misfit(log_ratio: Array) -> Array:
         """Return the squared distance of each set (S,) at ratios (points, S)."""
-        return (log_bands - np.log(np.exp(log_ratio)[..., None] + impedance)).var(axis=-1)
+        shape = np.log(np.exp(log_ratio)[..., None] + impedance)
+        return (log_bands - shape).var(axis=-1)
 
     def slope(which: NDArray[np.intp], log_ratio: Array) -> Array:
         """Return the slope of half of it, whose zero has twice the digits of its minimum."""

@@ -167,7 +167,7 @@ def confidence(
     return Confidences(
         outcome=outcome,
         family=subjects.family,
-        least=min(by_stiffness, by_damping, 1.0 if magnitude is None else magnitude),
+        probability=min(by_stiffness, by_damping, 1.0 if magnitude is None else magnitude),
         stiffness=by_stiffness,
         damping=by_damping,
         magnitude=magnitude,

@@ -151,7 +151,8 @@ def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
     if users.log:
         # Nobody takes less than zero. Over what is above this distance scores are next to straight.
         stiffness, damping = plane.origin()
-        least = plane.distance(Point(np.maximum(stiffness, 0.0), np.maximum(damping, 0.0)))
+        nearest = Point(np.maximum(stiffness, 0.0), np.maximum(damping, 0.0))
+        least = plane.distance(nearest)
     logs = _log_range(boxes, plane, least)
     middle = 0.5 * (logs.low + logs.high)
     one_device = DistancePlane(*(field[None] for field in plane))

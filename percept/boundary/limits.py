@@ -62,11 +62,6 @@ _TINY = np.finfo(np.float64).tiny
 _SQRT_2PI = np.sqrt(2.0 * np.pi)
 
 
-def level_of(score: float) -> float:
-    """Return the level of the central limits of a normal so many SDs out."""
-    return float(1.0 - 2.0 * special.ndtr(-score))
-
-
 def _density(score: Array | float) -> Array:
     """Return the density of a standard normal."""
     log_ratio = -0.5 * np.square(score)
@@ -89,25 +84,6 @@ class MagnitudeLimits:
         return replace(self, lower=lower, upper=upper)
 
 
-@dataclass(frozen=True, eq=False)
-class SimultaneousScore:
-    """The score of limits at single frequencies that hold whole curves."""
-
-    score: float
-    error: float  # Monte Carlo standard error
-    shifts: Array  # (B,) by how much each batch of draws would raise it
-
-    @property
-    def level(self) -> float:
-        """Level at single frequencies."""
-        return level_of(self.score)
-
-    @property
-    def level_error(self) -> float:
-        """Monte Carlo standard error of the level."""
-        return 2.0 * float(_density(self.score)) * self.error
-
-
 class _Curves:
     """P curves of log abs(Z_h) with their probabilities, in order at each of M frequencies."""
 
@@ -127,7 +103,8 @@ class _Curves:
     def limits(self, score: float) -> Array:
         """Return the log limits (2, M) at a score."""
         ends = special.ndtr([-score, score])
-        return np.array([np.interp(ends, below, logs) for below, logs in self._in_order]).T
+        of_each = [np.interp(ends, below, logs) for below, logs in self._in_order]
+        return np.array(of_each).T
 
 
 class Magnitude:
@@ -199,13 +176,17 @@ class Magnitude:
             # Points and devices are even in every run.
             runs = self._every_point.reshape(_RUNS, -1)
             by_run = [self._device_shift(score, run) for run in runs]
-            error = np.hypot(error, np.std(by_run, axis=0, ddof=1) / np.sqrt(_RUNS))
+            scatter = np.std(by_run, axis=0, ddof=1)
+            error = np.hypot(error, scatter / np.sqrt(_RUNS))
         errors = np.zeros(limits.shape)
         errors[:, finite] = error
         return MagnitudeLimits(limits[0], limits[1], errors, device_share)
 
-    def simultaneous_score(self, level: float) -> SimultaneousScore:
-        """Return the score whose limits hold whole curves with a probability, `level`."""
+    def simultaneous_score(self, level: float) -> tuple[float, Array]:
+        """Return the score whose limits hold whole curves with a probability, `level`.
+
+        And by how much each batch of draws would raise it, (B,).
+        """
         points = self._points
         below = self._curves.below
         beyond = np.minimum(below, 1.0 - below)
@@ -216,15 +197,16 @@ class Magnitude:
         order = farthest.argsort()
         held = np.cumsum(points.probability[order])
         # Whole curves leave at least as often as they leave at one frequency.
-        score = max(score_of(level), float(np.interp(level, held, farthest[order])))
+        of_curves = float(np.interp(level, held, farthest[order]))
+        score = max(score_of(level), of_curves)
         near = (farthest > score - _NEAR) & (farthest <= score + _NEAR)
         per_score = points.probability[near].sum() / (2.0 * _NEAR)
         leaving = points.probability[farthest > score].sum()
         # A batch has its own limits at a score, and its own probabilities.
         moved = score + self._batch_shifts(score)[upper.astype(np.intp), frequency]
-        of_batch = np.sum(points.by_batch * (farthest[:, None] > moved), axis=0)
-        shifts = (of_batch - leaving) / per_score
-        return SimultaneousScore(score, float(self.law.standard_error(shifts)), shifts)
+        leaves = farthest[:, None] > moved
+        of_batch = np.sum(points.by_batch * leaves, axis=0)
+        return score, (of_batch - leaving) / per_score
 
     def _check_score(self, score: float) -> None:
         """Refuse limits farther out than the law determines them, and say why."""
@@ -234,7 +216,7 @@ class Magnitude:
             return
         if infinite > _LEAST_TAIL:
             raise RefusalError(f"a limit may lie beyond {BEYOND:.0e} N·s/m.")
-        highest = level_of(farthest)
+        highest = 1.0 - 2.0 * special.ndtr(-farthest)
         raise RefusalError(f"the law determines limits up to the level {highest:g} only.")
 
     def _solved(self, score: float) -> Array:

@@ -150,7 +150,7 @@ def _disagreeing(judged: Sequence[Verdict], words: Words) -> list[str]:
     for verdict in judged:
         classical = verdict.classical
         if classical and verdict.bayesian and classical.outcome != verdict.bayesian.outcome:
-            others[verdict.environment] = (classical.outcome, classical.least)
+            others[verdict.environment] = (classical.outcome, classical.probability)
     said = _felt(others, judged, words)
     return [f"That is the Bayesian answer; by the weakest classical part {said}."] if said else []
 

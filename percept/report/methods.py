@@ -51,7 +51,6 @@ _MODEL = {
     "rho_shape": "correlations of the quantities",
 }
 
-#: The key of a work, in square brackets.
 #: What the device has, by the keys of a scene's `[device]`.
 _DEVICE = {
     "mass": "a mass of {:g} kg",
@@ -65,6 +64,7 @@ _DEVICE = {
     "delay_seconds": "a delay of {:g} s",
     "velocity_filter": "a velocity filter (Butterworth, {0[cutoff]:g} rad/s, order {0[order]})",
 }
+#: The key of a work, in square brackets.
 _KEY = re.compile(r"\[(\w+)\]")
 
 

@@ -81,9 +81,8 @@ def _column(value: object, length: int) -> list[object]:
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Give the parts of a record by name, a row of a table of numbers or records as one part."""
-    is_table = isinstance(value, np.ndarray) and value.ndim > 1
-    if is_table or (isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0])):
+    """Give the parts of a record by name, each of several records as one part."""
+    if isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
         value = {str(index): part for index, part in enumerate(value)}
     elif dataclasses.is_dataclass(value):
         value = vars(value)

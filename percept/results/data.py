@@ -66,7 +66,6 @@ class SubjectRow:
     subject: str
     parameter: str
     n: int  # Environments with an adjustment
-    trials: int
     relative: bool  # Whether deviations are fractions of the reference; else they are in `unit`
     log: bool  # Whether `mean` is geometric, and `sd` one of logarithms
     mean: float  # Deviation from the reference
@@ -98,7 +97,6 @@ class Data:
     rows: int
     environments: tuple[str, ...]
     references: int  # Environments, each once for all levels of the factor
-    factor: str | None  # Column of conditions within subjects
     parameters: tuple[str, ...]
     quantities: dict[str, Quantity]  # By parameter
     words: Words
@@ -136,7 +134,6 @@ class Diagnostics(NotebookRecord):
     steps: int  # Per ensemble
     ensembles: int
     walkers: int  # Per ensemble
-    dimension: int  # Coordinates sampled
     tolerance: float  # Monte Carlo error asked for, of every limit, in half-widths
     priors: tuple[Prior, ...]
 
@@ -205,9 +202,6 @@ class PredictiveCheck:
     environment: str
     parameter: str
     statistic: str  # "mean", "sd" or "farthest"
-    observed: float
-    lower: float
-    upper: float
     above: float  # Share of new studies with more
     unusual: bool  # Too far out for chance, over all checks of the study
 

@@ -62,15 +62,10 @@ class Boundary(NotebookRecord):
         abs(Z_h) of the reference environment, without coupling, N·s/m.
     coupled : ndarray, shape (M,), or None
         abs(Z_h) of the reference through the virtual coupling (Eq. 11), N·s/m.
-    errors : ndarray, shape (2, M), or None
-        Monte Carlo standard errors of log lower and log upper, from batches of posterior draws;
-        None where nothing is drawn.
     error : float or None
-        Typical `errors` (root mean square over log omega), as a fraction of half the band's width
-        in logarithms. None without errors, and without width.
-    pointwise_level, pointwise_level_error : float or None
-        Of a Bayesian simultaneous boundary: the level of its limits at each omega, and its Monte
-        Carlo error. With a posterior of the device that error is of the device at its point.
+        Typical Monte Carlo standard error of log lower and log upper (root mean square over log
+        omega), as a fraction of half the band's width in logarithms. None where nothing is drawn,
+        and without width.
     device_share : float or None
         Share of the squared width, in logarithms, that not knowing the device makes: a mean over
         log omega. None where the device is at its point.
@@ -88,10 +83,7 @@ class Boundary(NotebookRecord):
     upper: Array
     reference: Array
     coupled: Array | None = None
-    errors: Array | None = None
     error: float | None = None
-    pointwise_level: float | None = None
-    pointwise_level_error: float | None = None
     device_share: float | None = None
 
     @property
@@ -136,12 +128,11 @@ class BandLaw(NotebookRecord):
     family: Family
     parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
     model: str  # "weber": w|Z|, "offset": c + w|Z|, "power": w|Z|^p
-    parameters: dict[str, Coefficient]  # By name: c, w, p
-    level: float  # Of the parameters' intervals: of posterior draws, or of a parametric bootstrap
+    #: By name: c, w, p; intervals are of posterior draws, or of a parametric bootstrap.
+    parameters: dict[str, Coefficient]
     sentence: str  # What the law says
     left_out_error: float  # Typical error of the logarithm of a band left out
     best: float  # Share of the draws in which this law has the smallest such error of the three
-    carried_by: str | None = None  # The one environment without which the offset all but vanishes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,8 +179,7 @@ class PosteriorEvidence:
     magnitude: float  # By abs(Z_h) alone
     plane: float  # By effective stiffness and damping alone
     by_central: tuple[CentralProbability, ...]  # Against other shares of users
-    lowest: float  # By abs(Z_h) at the one omega where it is least probable
-    lowest_omega: float  # rad/s; of many devices, the median of theirs
+    lowest_omega: float  # Where abs(Z_h) is least probable, rad/s; of many devices, the median
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,18 +188,13 @@ class Confidences:
 
     outcome: Feeling
     family: Family
-    least: float  # Of the parts below
+    probability: float  # What is compared with the decision: the least of the parts below
     stiffness: float  # At the omega least favourable to it
     damping: float
     magnitude: float | None  # Of abs(Z_h); None with fewer than three subjects
     magnitude_omega: float | None  # Where it is least, rad/s
     together: float | None  # That all parts hold at every omega
     together_error: float | None  # Its Monte Carlo standard error
-
-    @property
-    def probability(self) -> float:
-        """What is compared with the decision: the least confidence."""
-        return self.least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,22 +271,14 @@ class ZWidth(NotebookRecord):
 
 @dataclass(frozen=True, kw_only=True)
 class Membership:
-    """The paper's rule: whether a reference stays inside a boundary, directly and coupled.
-
-    A departure is the largest of abs(Z_h) over the range, as a fraction of the exact envelope;
-    negative inside.
-    """
+    """The paper's rule: whether a reference stays inside a boundary, directly and coupled."""
 
     environment: str
     method: Method
     kind: Kind  # The next user where such intervals were asked for
     family: Family
     verdict_uncoupled: Inside
-    departure_uncoupled: float
-    departure_omega_uncoupled: float  # rad/s
     verdict_coupled: Inside
-    departure_coupled: float
-    departure_omega_coupled: float  # rad/s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -311,9 +288,6 @@ class DeviceStability(NotebookRecord):
     probability: float
     error: float  # Its Monte Carlo standard error, as of independent draws
     draws: int  # Devices from the posterior of the scene
-    level: float  # Of the range of the margin
-    margin_lower: float  # Smallest ratio of what the device dissipates to what is asked for
-    margin_upper: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -394,8 +368,6 @@ class AdmissibleCouplings(NotebookRecord):
     """
 
     method: Method  # Whose draws of the users these are
-    family: Family
-    central: float  # Share of all users that a central range holds
     decision: float  # A coupling is admissible two errors above this probability
     environments: tuple[EnvironmentCouplings, ...]
     devices: int | None = None  # Behind P(stable); None where the device has no posterior
@@ -410,7 +382,6 @@ class ChangedVerdict:
     environment: str
     coupled: bool  # Whether through the scene's coupling
     probability: tuple[float, ...]  # That it feels real
-    outcome: tuple[Feeling, ...]
     rendered: tuple[bool, ...]  # Whether with every passive hand, in time
 
 

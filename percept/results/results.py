@@ -40,7 +40,7 @@ from percept.results.intervals import (
 )
 
 #: Of report.json and fit.json: the name, and the version of its fields.
-SCHEMA = "percept-report/5"
+SCHEMA = "percept-report/6"
 
 #: Does some work while the caller goes on, as `percept.workers.beside` does.
 Beside = Callable[..., AbstractContextManager[Callable[..., Callable[[], Any]]]]

@@ -105,11 +105,6 @@ class Factors:
     cells: Mapping[str, tuple[str, tuple[str, ...]]]
 
     @property
-    def name(self) -> str:
-        """Names of all columns."""
-        return " and ".join(self.levels)
-
-    @property
     def environments(self) -> list[str]:
         """Environments in the order of their cells."""
         return list(dict.fromkeys(environment for environment, _ in self.cells.values()))

@@ -123,23 +123,21 @@ def _band_of(banded: Banded, of_parameter: str) -> Iterator[Banded | Skipped]:
         yield Skipped(law, f"without one environment all {name}s lie within 5 % of each other")
 
 
-def classical_replicates(data: Data, banded: Sequence[Banded]) -> Replicates:
+def classical_replicates(data: Data) -> Replicates:
     """Simulate the means and SDs that other studies of these users would find, and their limits."""
     rng = generator(data.asked.seed, Stream.CLASSICAL_BANDS)
-    sized = {environment for one_band in banded for environment in one_band.size}
     replicates: Replicates = {}
     for family in FAMILIES:
-        moments = data.moments(family)
         replicates["classical", family] = {
-            (parameter, environment): _redrawn_limits(of_cell, family, data.asked, rng)
-            for (parameter, environment), of_cell in moments.items()
-            if environment in sized
+            cell: _redrawn_limits(of_cell, family, data.asked, rng)
+            for cell, of_cell in data.moments(family).items()
         }
     return replicates
 
 
-def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
+def posterior_replicates(fit: Fit) -> Replicates:
     """Return limits of the central interval of users given each posterior draw."""
+    asked = fit.data.asked
     stride = max(1, len(fit.points) // _DRAWS)
     points = fit.points[::stride]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
@@ -183,9 +181,9 @@ def band_study(
     asked = data.asked
     replicates: Replicates = {}
     if asked.method != "bayesian":
-        replicates |= classical_replicates(data, banded)
+        replicates |= classical_replicates(data)
     if fit is not None:
-        replicates |= posterior_replicates(fit, asked)
+        replicates |= posterior_replicates(fit)
     tails = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]
     rows_of_all: list[BandRow] = []
     laws: list[BandLaw] = []

@@ -101,23 +101,16 @@ class BoundaryDrawing:
         try:
             pointwise = magnitude.limits(score_of(law.level))
             found.append(_boundary(law, "joint", "pointwise", pointwise, frame))
-            level = level_error = None
             if bayesian:
-                simultaneous = magnitude.simultaneous_score(law.level)
-                level = simultaneous.level
-                level_error = simultaneous.level_error
-                whole = magnitude.limits(simultaneous.score, simultaneous.shifts)
+                whole = magnitude.limits(*magnitude.simultaneous_score(law.level))
             elif law.region is None:
                 raise RefusalError("the subjects' values give no ellipse.")
             else:
                 # What holds (k, b) holds the whole curve. A calibrated level of the t law covers
                 # too little: 87 % of users where 90 % is stated.
                 whole = MagnitudeLimits(*setup.outline(law.region, "envelope", frame.omega))
-            boundary = _boundary(law, "joint", "simultaneous", whole.joined(pointwise), frame)
-            boundary = dataclasses.replace(
-                boundary, pointwise_level=level, pointwise_level_error=level_error
-            )
-            found.append(boundary)
+            whole = whole.joined(pointwise)
+            found.append(_boundary(law, "joint", "simultaneous", whole, frame))
         except RefusalError as refusal:
             for shape in _LAW_SHAPES[len(found) :]:
                 yield Skipped(_law_name(law, shape), refusal.message.removesuffix("."))
@@ -154,7 +147,6 @@ def _boundary(
         upper=limits.upper,
         reference=frame.reference,
         coupled=frame.coupled,
-        errors=limits.errors,
         error=relative_error(frame.omega, limits),
         device_share=limits.device_share,
     )

@@ -164,15 +164,12 @@ def _messages(
 
 def _statistics(fit: Fit, subjects: SubjectDensity) -> Iterator[PredictiveCheck]:
     """Compare each cell's mean, SD and farthest subject with new studies from the posterior."""
-    asked = fit.data.asked
     stride = max(1, len(fit.points) // min(_REPLICATES, subjects.most_draws))
-    rng = generator(asked.seed, Stream.CHECKED_STATISTICS)
+    rng = generator(fit.data.asked.seed, Stream.CHECKED_STATISTICS)
     studies = new_studies(subjects, fit.points[::stride], rng)
     drawn = np.concatenate([statistics_of(cell_means) for cell_means in studies])
     statistics = subjects.density.statistics
     observed = statistics_of(statistics.cell_means)
-    ends = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]
-    lower, upper = np.quantile(drawn, ends, axis=0)
     above = (drawn > observed).mean(axis=0)
     # Shared over all checks, so that a right model seldom alarms, however many cells it has. The
     # study itself is one more: beyond all S replicates it has a probability of 1/S or less.
@@ -185,9 +182,6 @@ def _statistics(fit: Fit, subjects: SubjectDensity) -> Iterator[PredictiveCheck]
             environment=statistics.environments[j],
             parameter=statistics.parameters[p],
             statistic=STATISTICS[s],
-            observed=float(observed[index]),
-            lower=float(lower[index]),
-            upper=float(upper[index]),
             above=float(above[index]),
             unusual=bool(unusual[index]),
         )

@@ -124,8 +124,8 @@ def _left_out(of_a: Sequence[str], of_b: Sequence[str]) -> Iterator[str]:
 
 def _bands(first: Study, second: Study) -> Iterator[BandPair]:
     """How the exact envelopes of B differ from A's, over the frequencies that both study."""
-    lower = max(first.data.within[0], second.data.within[0])
-    upper = min(first.data.within[1], second.data.within[1])
+    lower = max(first.scene.frequency.lower, second.scene.frequency.lower)
+    upper = min(first.scene.frequency.upper, second.scene.frequency.upper)
     if lower < upper:
         omega = np.geomspace(lower, upper, _POINTS)
         of_a = first.envelopes_at(omega)

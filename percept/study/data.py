@@ -96,11 +96,6 @@ class Data:
         return self.sessions.environments
 
     @property
-    def within(self) -> tuple[float, float]:
-        """Ends of the frequencies that everything is judged over, rad/s."""
-        return self.scene.frequency.lower, self.scene.frequency.upper
-
-    @property
     def is_impedance(self) -> bool:
         """Whether stiffness and damping are analysed, so that there are curves."""
         return is_impedance(self.parameters)
@@ -245,7 +240,6 @@ def what_was_read(data: Data) -> results.Data:
         rows=len(sessions.table),
         environments=sessions.environments,
         references=len(factors.environments if factors else sessions.environments),
-        factor=factors.name if factors else None,
         parameters=sessions.parameters,
         quantities={name: sessions.quantities[name] for name in sessions.parameters},
         words=_words(data),
@@ -329,7 +323,6 @@ def _people(data: Data, parameter: str) -> Iterator[SubjectRow]:
     cells = by_cell.mean().unstack()
     # Environments are centred, so that subjects with different environments compare.
     centred = (cells - cells.mean()).mean(axis=1)
-    counts = rows["subject"].value_counts(sort=False)
     for subject in dict.fromkeys(rows["subject"]):
         own = cells.loc[subject]
         mean = own.mean()
@@ -340,7 +333,6 @@ def _people(data: Data, parameter: str) -> Iterator[SubjectRow]:
             subject=subject,
             parameter=parameter,
             n=int(own.count()),
-            trials=int(counts[subject]),
             relative=relative,
             log=log,
             mean=float(np.expm1(mean) if log else mean),

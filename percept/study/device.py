@@ -345,17 +345,11 @@ def _membership(setup: Setup, region: Region, within: tuple[float, float]) -> Me
     assert region.limits is not None
     direct = setup.display(region.environment, coupled=False)
     coupled = setup.display(region.environment, coupled=True)
-    of_direct = departure(direct, *region.limits, *within)
-    of_coupled = departure(coupled, *region.limits, *within)
     return Membership(
         environment=region.environment,
         method=region.method,
         kind=region.kind,
         family=region.family,
-        verdict_uncoupled=of_direct.verdict,
-        departure_uncoupled=float(np.expm1(of_direct.largest)),
-        departure_omega_uncoupled=of_direct.omega,
-        verdict_coupled=of_coupled.verdict,
-        departure_coupled=float(np.expm1(of_coupled.largest)),
-        departure_omega_coupled=of_coupled.omega,
+        verdict_uncoupled=departure(direct, *region.limits, *within).verdict,
+        verdict_coupled=departure(coupled, *region.limits, *within).verdict,
     )

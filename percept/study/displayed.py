@@ -161,12 +161,6 @@ class Displayed(Inferred):
         # Without a coupling its column is empty, and still of numbers.
         return pd.concat(tables, ignore_index=True).astype({"coupled": float})
 
-    @property
-    def main_kind(self) -> str:
-        """The kind shown alone: the next user, if such intervals are asked for."""
-        kinds = self.data.asked.kinds
-        return "user" if "user" in kinds else kinds[0]
-
     @part
     def banded(self) -> Iterator[Banded | Skipped]:
         """What bands are set against: environments' impedance, or quantities' references."""

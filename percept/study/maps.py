@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from percept.boundary.couplings import CouplingJudge
-from percept.boundary.feels_real import MAP_DRAWS, Evidence, judge, share_error
+from percept.boundary.feels_real import MAP_DRAWS, Evidence, share_error
 from percept.boundary.shares import Users
 from percept.haptics import Coupling, Device, Environment, TabulatedDevice, can_render
 from percept.haptics.loop import log_grid
@@ -102,8 +102,6 @@ def coupling_map(setup: Setup, whose: MapUsers, scene: Scene) -> AdmissibleCoupl
     found = [its_map.worked_out() for its_map in maps.values()]
     return AdmissibleCouplings(
         method=whose.method,
-        family=scene.inference.family,
-        central=scene.verdict.central,
         decision=scene.inference.decision,
         environments=tuple(found),
         together=_serving_all(setup, scene, maps, found),
@@ -353,7 +351,6 @@ def other_devices(setup: Setup, whose: MapUsers, scene: Scene) -> OtherDevices |
             environment=environment,
             coupled=coupled,
             probability=tuple(probabilities),
-            outcome=tuple(judge(one, scene.inference.decision) for one in probabilities),
             rendered=tuple(rendered),
         )
         verdicts.append(verdict)

@@ -31,8 +31,6 @@ from percept.study.device import Setup
 #: Devices with modes whose margins are searched for: each takes a search over frequencies. As many
 #: independent ones tell a probability to a standard error of 0.03, and Sobol's points a better one.
 _SEARCHED = 256
-#: Central share of the margins that is reported.
-_LEVEL = 0.95
 #: Share of the devices of a posterior that render what counts as likely.
 _LIKELY = 0.95
 #: A coupling that needs as many times what the environments need directly shows itself by a tenth
@@ -162,23 +160,13 @@ def device_stability(
     """Say how probably a device renders, given what is known of it.
 
     Parameters as in `margins_of_draws`.
-
-    Returns
-    -------
-    DeviceStability
-        Its probability and the range of the margin.
     """
     margins = margins_of_draws(draws, loop, environment, coupling)
-    tail = 0.5 * (1.0 - _LEVEL)
-    lower, upper = np.quantile(margins, [tail, 1.0 - tail])
     stable = float(np.mean(margins > 1.0))
     return DeviceStability(
         probability=stable,
         error=share_error(stable, margins.size),
         draws=margins.size,
-        level=_LEVEL,
-        margin_lower=float(lower),
-        margin_upper=float(upper),
     )
 
 

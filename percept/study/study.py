@@ -186,14 +186,13 @@ class Study(Displayed):
             return None
         from percept.inference.model.priors import MEANINGS
 
-        ensembles, _, walkers, dimension = fit.run.points.shape
+        ensembles, _, walkers, _ = fit.run.points.shape
         priors = fit.model.priors_in_force
         return Diagnostics(
             gate=fit.run.gate,
             steps=fit.run.steps,
             ensembles=ensembles,
             walkers=walkers,
-            dimension=dimension,
             tolerance=fit.run.settings.tolerance,
             priors=tuple(Prior(name, value, MEANINGS[name]) for name, value in priors.items()),
         )
@@ -324,11 +323,11 @@ class Study(Displayed):
             ax=ax,
         )
 
-    def plot_boundary(self, environment: str, *, kind: str | None = None, ax: Any = None) -> Any:
+    def plot_boundary(self, environment: str, *, kind: str = "user", ax: Any = None) -> Any:
         """Plot boundaries of abs(Z_h), N·s/m, over rad/s, of one kind, by default the next user."""
         from percept.plots import plot_boundary
 
-        (kind,) = select("kind", kind or self.main_kind, self.scene.inference.kinds)
+        (kind,) = select("kind", kind, self.scene.inference.kinds)
         boundaries = self.boundaries
         if boundaries:
             (environment,) = select("environment", environment, self.with_reference)

@@ -306,7 +306,6 @@ def _reported(evidence: Evidence, decision: float, subjects: int) -> PosteriorEv
         magnitude=evidence.magnitude,
         plane=evidence.plane,
         by_central=tuple(CentralProbability(*pair) for pair in by_central),
-        lowest=evidence.lowest,
         lowest_omega=evidence.lowest_omega,
     )
 

@@ -65,7 +65,7 @@ def test_two_subjects_have_no_verdict_of_the_magnitude():
     found = judged(subjects(2))
     assert found.magnitude is None
     assert found.together is None
-    assert found.least == min(found.stiffness, found.damping)
+    assert found.probability == min(found.stiffness, found.damping)
 
 
 def test_subjects_about_the_wall_decide_and_few_do_not():

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from percept.boundary.law import PairLaw, confidence_law, mixture_law
 from percept.boundary.limits import Magnitude
@@ -66,8 +67,9 @@ def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) 
     magnitude = Magnitude(law, Loop(device, PERIOD), OMEGA)
     limits = magnitude.limits(SCORE)
     # A law that is not drawn is not calibrated.
-    together = magnitude.simultaneous_score(0.99) if law.shares.size else None
-    wide = magnitude.limits(together.score) if together else limits
+    is_drawn = law.shares.size > 0
+    score, shifts = magnitude.simultaneous_score(0.99) if is_drawn else (SCORE, np.empty(0))
+    wide = magnitude.limits(score)
     assert (wide.lower <= limits.lower).all()
     assert (limits.upper <= wide.upper).all()
     error, inside = np.sqrt(0.005 * 0.995 / DRAWS), np.ones(DRAWS, dtype=bool)
@@ -76,10 +78,10 @@ def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) 
         assert abs((curve < limits.lower[m]).mean() - 0.005) < 4.5 * error + 1e-4
         assert abs((curve > limits.upper[m]).mean() - 0.005) < 4.5 * error + 1e-4
         inside &= (wide.lower[m] <= curve) & (curve <= wide.upper[m])
-    if together is None:
+    if not is_drawn:
         return
-    # The level's own error moves the share in proportion.
-    share_of_level = 0.01 * together.level_error / (1.0 - together.level)
+    # The score's own error moves the share as it moves what lies beyond the score.
+    share_of_level = 0.01 * law.standard_error(shifts) * norm.pdf(score) / norm.sf(score)
     share = np.hypot(np.sqrt(0.01 * 0.99 / DRAWS), share_of_level)
     assert abs(inside.mean() - 0.99) < 4.5 * share
 
@@ -104,22 +106,19 @@ def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., A
     for seed in range(sets):
         law = mixture_law(*draw(320, seed), np.arange(320) % 16, "lognormal")
         magnitude = Magnitude(law, Loop(DEVICE, PERIOD), omega)
-        together = magnitude.simultaneous_score(0.99)
-        found.append(
-            (magnitude.limits(SCORE), magnitude.limits(together.score, together.shifts), together)
-        )
+        score, shifts = magnitude.simultaneous_score(0.99)
+        of_score = score, law.standard_error(shifts)
+        found.append((magnitude.limits(SCORE), magnitude.limits(score, shifts), of_score))
     for which in (0, 1):
         limits = [each[which] for each in found]
         scatter = np.log([(one.lower, one.upper) for one in limits]).std(axis=0, ddof=1)
         stated = np.sqrt(np.mean([np.square(one.errors) for one in limits], axis=0))
         # The errors, of 15 degrees of freedom each, scatter by far less.
         assert np.abs(np.log(stated / scatter)).max() < 4.0 * spread
-    levels = np.log([1.0 - each[2].level for each in found]).std(ddof=1)
-    stated_level = np.sqrt(
-        np.mean([(each[2].level_error / (1.0 - each[2].level)) ** 2 for each in found])
-    )
+    scores, errors = np.array([each[2] for each in found]).T
+    stated_error = np.sqrt(np.mean(errors**2))
     # Batches of twenty draws bend: what they add is counted too.
-    assert -4.0 * spread < np.log(stated_level / levels) < np.log(2.5)
+    assert -4.0 * spread < np.log(stated_error / scores.std(ddof=1)) < np.log(2.5)
 
 
 def test_limits_that_a_law_does_not_determine_are_refused() -> None:

@@ -65,13 +65,13 @@ def felt(name, probability, classical=None, *, coupled=True, decision=0.95, stra
     confidence."""
     outcome = judge(probability, decision)
     other = classical and Confidences(
-        outcome=judge(classical, decision), family="lognormal", least=classical,
+        outcome=judge(classical, decision), family="lognormal", probability=classical,
         stiffness=classical, damping=1.0, magnitude=None, magnitude_omega=None, together=None,
         together_error=None,
     )  # fmt: skip
     evidence = PosteriorEvidence(
         outcome=outcome, probability=probability, error=0.004, draws=4096, straddles=straddles,
-        magnitude=probability, plane=1.0, by_central=(), lowest=probability, lowest_omega=1.0,
+        magnitude=probability, plane=1.0, by_central=(), lowest_omega=1.0,
     )  # fmt: skip
     return Verdict(
         environment=name, coupled=coupled, outcome=outcome, method="bayesian", stable_and_real=None,
@@ -184,9 +184,7 @@ def test_rounding_puts_no_probability_on_the_other_side_of_the_decision():
 
 
 def test_a_device_that_may_not_render_is_told_first():
-    over_devices = DeviceStability(
-        probability=0.71, error=0.01, draws=4096, level=0.95, margin_lower=0.5, margin_upper=2.0
-    )
+    over_devices = DeviceStability(probability=0.71, error=0.01, draws=4096)
     row = dataclasses.replace(rendered("A", "can", coupled=True), by_device=over_devices)
     surely = dataclasses.replace(over_devices, probability=0.99)
     other = dataclasses.replace(rendered("B", "can", coupled=True), by_device=surely)
@@ -423,8 +421,8 @@ def test_an_interval_that_the_prior_widens_is_told(reach, said):
     ],
 )
 def test_a_check_that_fails_says_on_which_side(statistic, above, text):
-    usual = PredictiveCheck("VE1", "b", statistic, 1.0, 0.5, 1.5, 0.5, unusual=False)
-    unusual = PredictiveCheck("VE2", "b", statistic, 1.0, 2.0, 3.0, above, unusual=True)
+    usual = PredictiveCheck("VE1", "b", statistic, 0.5, unusual=False)
+    unusual = PredictiveCheck("VE2", "b", statistic, above, unusual=True)
     left_out = LeftOut(0.7, subjects=(), cells=(), messages=())
     checks = Checks(normality=(), loo=left_out, statistics=(usual, unusual))
     said = list(misfits(dataclasses.replace(EMPTY, checks=checks)))

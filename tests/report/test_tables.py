@@ -66,7 +66,7 @@ def test_a_record_in_a_record_has_columns_of_both_names(classical):
     results = as_results(classical)
     rows = rows_of(csv_tables(results)["verdicts.csv"])
     for row, verdict in zip(rows, results.verdicts, strict=True):
-        assert float(row["classical_least"]) == verdict.classical.least
+        assert float(row["classical_probability"]) == verdict.classical.probability
         assert row["coupled"] == str(verdict.coupled).lower()
 
 

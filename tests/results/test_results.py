@@ -30,7 +30,7 @@ INTERVAL = IntervalRow(
 BOUNDARY = Boundary(
     environment="wäll/1~", kind="mean", method="classical", family="normal", joint="marginal",
     shape="corner", level=0.99, omega=np.array([0.1, 1.0]), lower=np.array([1e-300, 2.0]),
-    upper=np.array([np.inf, np.nan]), reference=np.array([1.0, 2.0]), errors=np.full((2, 2), 0.1),
+    upper=np.array([np.inf, np.nan]), reference=np.array([1.0, 2.0]),
 )  # fmt: skip
 RESULTS = Results(
     provenance=Provenance(
@@ -40,7 +40,7 @@ RESULTS = Results(
         form="trials", simulated=False, subjects=4, rows=4, environments=("wäll/1~",),
         parameters=("k",), quantities={"k": IMPEDANCE["k"]},
         words=Words("wall", "walls", "user", "users", "user", "users"),
-        counts={"rows read": 4}, notices=(), references=1, factor=None,
+        counts={"rows read": 4}, notices=(), references=1,
         doubts=(), exclusions=(), design=None, cells=(),
     ),
     intervals=(INTERVAL,), contrast=(), boundaries=(BOUNDARY,),

@@ -27,7 +27,7 @@ def test_bands_of_posterior_draws_hold_the_central_users(fitted: Study) -> None:
     """Of 99 %, on the logarithm: 2.58 SDs of users to either side, in the median over draws."""
     fit = fitted.fit
     assert fit is not None
-    limits = posterior_replicates(fit, fitted.data.asked)["bayesian", "lognormal"]
+    limits = posterior_replicates(fit)["bayesian", "lognormal"]
     for cell, number in fit.column.items():
         lower, upper = limits[cell]
         sd = np.median(fit.moments.population_sd[:, number])

@@ -94,8 +94,8 @@ def test_a_device_all_but_known_changes_nothing_and_makes_no_share(fitted: Study
     for key, boundary in at_point.items():
         assert boundary.device_share is None
         # Where Z_h cancels, neighbours in the order of points lie farther apart: within the Monte
-        # Carlo error of the limits there.
-        errors = np.zeros((2, boundary.omega.size)) if boundary.errors is None else boundary.errors
+        # Carlo error of the limits.
+        errors = 0.5 * (boundary.error or 0.0) * np.log(boundary.upper / boundary.lower)
         apart = np.log([known[key].lower / boundary.lower, known[key].upper / boundary.upper])
         assert (np.abs(apart) <= np.maximum(1e-3, errors)).all()
         if boundary.method == "classical":

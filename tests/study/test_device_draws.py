@@ -39,8 +39,6 @@ def test_stability_of_a_rigid_device_is_a_normal_distribution_function():
     found = device_stability(draws, LOOP, WALL, COUPLING)
     exact = special.ndtr((np.log(16.0) - np.log(needed)) / sd)
     assert found.probability == pytest.approx(exact, abs=found.error)
-    edges = 16.0 / needed * np.exp(sd * special.ndtri([0.025, 0.975]))
-    assert [found.margin_lower, found.margin_upper] == pytest.approx(edges, rel=0.005)
 
 
 @pytest.mark.parametrize("delay", [0.0, 1.0])

@@ -173,7 +173,7 @@ def test_other_devices_are_judged_as_a_scene_with_that_device_is(fitted: Study) 
             searched = evidence(fitted, row.environment, coupling, draws=found.draws, device=device)
             assert row.probability[number] == pytest.approx(searched.probability, abs=0.02)
             if searched.probability > 0.97:
-                assert row.outcome[number] == "feels real"
+                assert row.probability[number] >= fitted.scene.inference.decision
 
 
 def test_a_device_without_damping_keeps_none_and_carries_no_coupling(sessions) -> None:

@@ -39,7 +39,7 @@ def test_the_table_has_both_methods_and_calls_nothing_real_that_cannot_be_render
         bayesian = table.loc[(row.environment, row.coupled, "bayesian")]
         classical = table.loc[(row.environment, row.coupled, "classical")]
         assert bayesian["probability"] == row.bayesian.probability
-        assert classical["probability"] == row.classical.least
+        assert classical["probability"] == row.classical.probability
         if row.environment in ("VE1", "VE2"):
             assert (bayesian["rendered"], bayesian["outcome"]) == ("can", row.bayesian.outcome)
         else:
@@ -58,7 +58,7 @@ def test_both_methods_follow_the_decision(fitted: Study) -> None:
         assert shares == sorted(shares)
         assert shares[-1] == row.probability
         parts = row.classical.stiffness, row.classical.damping, row.classical.magnitude
-        assert row.classical.least == min(part for part in parts if part is not None)
+        assert row.classical.probability == min(part for part in parts if part is not None)
         # Directly and through the coupling alike.
         renders = row.environment in ("VE1", "VE2")
         assert row.stable_and_real == (row.probability if renders else 0.0)
@@ -112,7 +112,7 @@ def test_published_limits_are_judged_part_by_part() -> None:
         assert row.classical is not None
         assert row.classical.magnitude is None
         assert row.method == "classical"
-        assert row.probability == row.classical.least
+        assert row.probability == row.classical.probability
 
 
 @pytest.mark.parametrize("method", [pytest.param("both", marks=pytest.mark.evidence), "classical"])
