@@ -177,7 +177,7 @@ class Grid:
                 self.dropped["blank line"] += 1
             elif text == "END OF FILE":
                 self.dropped["end-of-file mark"] += 1
-            elif _is_comment(cells):
+            elif text.startswith(_COMMENT) and _is_comment(cells):
                 if not self.dropped["comment"]:
                     text = f"comments are skipped, here the first: {shown([cells[0]])}"
                     self.notice(text, line)

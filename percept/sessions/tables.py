@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,6 +34,8 @@ from percept.sessions.typed import sheets, texts_of, typed_grid
 from percept.sessions.values import SPACE, decimal_mark, parse_numbers
 
 Form = Literal["trials", "summary"]
+#: Rows that are read at a time.
+_ROWS = 200
 
 
 class Log(Problems):
@@ -111,12 +112,14 @@ class OpenFile:
         """
         lines: list[int] = []
         texts: dict[int, list[str]] = {at: [] for table in tables for at in table.values()}
-        for line, row in self.grid.rows():
-            lines.append(line)
+        rows = self.grid.rows()
+        while part := list(islice(rows, _ROWS)):
+            lines += [line for line, _ in part]
             self.options.files.hold_table(len(lines), len(texts), self.name)
+            # Equal texts share their memory: most columns hold few.
+            share = dict[str, str]().setdefault
             for at, column in texts.items():
-                # Equal texts share their memory: most columns hold few.
-                column.append(sys.intern(row[at]))
+                column += [share(row[at], row[at]) for _, row in part]
         self.log.counts["rows read"] += len(lines)
         self.log.counts.update(self.grid.dropped)
         self.log.sources.append(Source(self.name, self.digest, len(lines)))
