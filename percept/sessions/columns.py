@@ -17,8 +17,8 @@ from percept.sessions.options import (
     DataTables,
     canonical_columns,
 )
-from percept.sessions.quantities import Quantities, numbers_of, with_mass
-from percept.sessions.records import MOMENTS_COLUMNS, SUMMARY_COLUMNS, NoDataError, shown
+from percept.sessions.quantities import Quantities, with_mass
+from percept.sessions.records import IDS, MOMENTS_COLUMNS, SUMMARY_COLUMNS, NoDataError, shown
 
 _WORDS = {
     "subject": (
@@ -204,7 +204,7 @@ def check_columns(
     first = missing[0].split(" ")[0]
     alike = did_you_mean(first, {*grid.header} - {*present})
     message = f"there is no column for {names}; the columns are {shown(grid.header)}.{alike}"
-    kind = UsageError if {*present} & {*numbers_of(options.quantities)} else NoDataError
+    kind = UsageError if {*present} - {*IDS, "trial"} else NoDataError
     raise grid.error(message, first, hint, kind)
 
 

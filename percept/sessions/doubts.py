@@ -45,10 +45,11 @@ def doubts(
 
     Nothing is left out: that is for the analyst to declare.
     """
-    yield from _codes(table, adjusted)
-    yield from _without_ratios(table, adjusted)
-    if options.family == "lognormal":
-        yield from _without_logarithm(table, adjusted)
+    for quantity in adjusted:
+        yield from _codes(table, quantity)
+        yield from _without_ratios(table, quantity)
+        if options.family == "lognormal":
+            yield from _without_logarithm(table, quantity)
     yield from slips(table, adjusted)
     yield from _copies(table, adjusted)
     yield from _empty_cells(table, factors)
@@ -91,47 +92,45 @@ def _missing_codes(values: pd.Series[float]) -> list[float]:
     return codes
 
 
-def _codes(table: pd.DataFrame, adjusted: Sequence[Quantity]) -> Iterator[Found]:
+def _codes(table: pd.DataFrame, quantity: Quantity) -> Iterator[Found]:
     """Ask whether a number is a code for a missing value."""
-    for quantity in adjusted:
-        column = f"{quantity.name}_adj"
-        values = table[column].dropna()
-        for code in _missing_codes(values):
-            rows = values.index[values == code]
-            limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
-            verb = "is" if len(rows) == 1 else "are"
-            text = (
-                f"{counted(len(rows), 'value')} of {quantity.name} {verb} {code:g}: a code for a"
-                " missing value? Then [sessions] exclude ="
-                f' [{{ column = "{column}", {limit}, why = "missing" }}] leaves such rows out.'
-            )
-            yield Found(text, column, rows[0])
-
-
-def _without_logarithm(table: pd.DataFrame, adjusted: Sequence[Quantity]) -> Iterator[Found]:
-    """Count the zeros and negative values of a lognormal family, and say both ways out."""
-    for quantity in adjusted:
-        column = f"{quantity.name}_adj"
-        known = table.dropna(subset=column)
-        values = known[column]
-        is_low = values <= 0
-        if set(values[is_low]) <= set(_missing_codes(values)):
-            continue
-        count = int(is_low.sum())
+    column = f"{quantity.name}_adj"
+    values = table[column].dropna()
+    for code in _missing_codes(values):
+        rows = values.index[values == code]
+        limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
+        verb = "is" if len(rows) == 1 else "are"
         text = (
-            f"{counted(count, 'value')} of {quantity.name} ({count / len(known):.1%} of"
-            f" {len(known):,}) {'is' if count == 1 else 'are'} zero or negative, here the first:"
-            f" {by_environment(known, is_low)}. If people meant it, set family ="
-            ' "normal" in [inference], and scale in [model] for references of zero or below.'
+            f"{counted(len(rows), 'value')} of {quantity.name} {verb} {code:g}: a code for a"
+            " missing value? Then [sessions] exclude ="
+            f' [{{ column = "{column}", {limit}, why = "missing" }}] leaves such rows out.'
         )
-        if not is_low.all():
-            least = float(values[~is_low].min())
-            text += (
-                " If nobody meant it, [sessions] exclude ="
-                f' [{{ column = "{column}", below = {least!r}, why = "not meant" }}] leaves such'
-                " trials out and logs them. To leave out many biases the rest."
-            )
-        yield Found(text, column, is_low.idxmax())
+        yield Found(text, column, rows[0])
+
+
+def _without_logarithm(table: pd.DataFrame, quantity: Quantity) -> Iterator[Found]:
+    """Count the zeros and negative values of a lognormal family, and say both ways out."""
+    column = f"{quantity.name}_adj"
+    known = table.dropna(subset=column)
+    values = known[column]
+    is_low = values <= 0
+    if set(values[is_low]) <= set(_missing_codes(values)):
+        return
+    count = int(is_low.sum())
+    text = (
+        f"{counted(count, 'value')} of {quantity.name} ({count / len(known):.1%} of"
+        f" {len(known):,}) {'is' if count == 1 else 'are'} zero or negative, here the first:"
+        f" {by_environment(known, is_low)}. If people meant it, set family ="
+        ' "normal" in [inference], and scale in [model] for references of zero or below.'
+    )
+    if not is_low.all():
+        least = float(values[~is_low].min())
+        text += (
+            " If nobody meant it, [sessions] exclude ="
+            f' [{{ column = "{column}", below = {least!r}, why = "not meant" }}] leaves such'
+            " trials out and logs them. To leave out many biases the rest."
+        )
+    yield Found(text, column, is_low.idxmax())
 
 
 def empty_cells(table: pd.DataFrame, factors: Factors | None) -> pd.DataFrame:
@@ -153,10 +152,7 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> pd.DataFrame:
     groups = [name for name in levels if (levels[name] == 1).all()]
     subjects = table[["subject", *groups]].drop_duplicates()
     environments = table[["environment", *groups]].drop_duplicates()
-    if groups:
-        cells = subjects.merge(environments, on=groups)
-    else:
-        cells = subjects.merge(environments, how="cross")
+    cells = subjects.merge(environments, "inner" if groups else "cross", groups or None)
     cells = cells[["subject", "environment"]]
     tried = pd.MultiIndex.from_frame(table[["subject", "environment"]])
     return cells[~pd.MultiIndex.from_frame(cells).isin(tried)]
@@ -192,24 +188,23 @@ def _pooled(table: pd.DataFrame, options: DataTables) -> Iterator[Found]:
         yield Found(text, column)
 
 
-def _without_ratios(table: pd.DataFrame, adjusted: Sequence[Quantity]) -> Iterator[Found]:
+def _without_ratios(table: pd.DataFrame, quantity: Quantity) -> Iterator[Found]:
     """Warn of logarithms, and of angles that wrap: 350 and 10 deg lie beside each other."""
-    for quantity in adjusted:
-        column = f"{quantity.name}_adj"
-        reference = f"{quantity.name}_ref"
-        unit = quantity.unit.casefold()
-        largest = table[[reference, column]].abs().max().max()
-        wraps = largest > _HALF_TURNS.get(unit, math.inf)
-        is_logarithm = _LOGARITHMIC.fullmatch(unit) and table[reference].any()
-        if wraps or is_logarithm:
-            why = "reaches beyond half a turn and wraps" if wraps else "is a logarithm"
-            text = (
-                f"{quantity.label} in {quantity.unit} {why}, so that ratios of its values mean"
-                f" nothing. Analyse its errors: give {column} a column of adjusted − reference, set"
-                f' {reference} = 0 in [environments], family = "normal" in [inference] and'
-                f" scale = {{ {quantity.name} = 1.0 }} in [model]."
-            )
-            yield Found(text, column)
+    column = f"{quantity.name}_adj"
+    reference = f"{quantity.name}_ref"
+    unit = quantity.unit.casefold()
+    largest = table[[reference, column]].abs().max().max()
+    wraps = largest > _HALF_TURNS.get(unit, math.inf)
+    is_logarithm = _LOGARITHMIC.fullmatch(unit) and table[reference].any()
+    if wraps or is_logarithm:
+        why = "reaches beyond half a turn and wraps" if wraps else "is a logarithm"
+        text = (
+            f"{quantity.label} in {quantity.unit} {why}, so that ratios of its values mean"
+            f" nothing. Analyse its errors: give {column} a column of adjusted − reference, set"
+            f' {reference} = 0 in [environments], family = "normal" in [inference] and'
+            f" scale = {{ {quantity.name} = 1.0 }} in [model]."
+        )
+        yield Found(text, column)
 
 
 def slips(table: pd.DataFrame, adjusted: Sequence[Quantity]) -> Iterator[Found]:

@@ -50,10 +50,6 @@ _RAGGED_HINT = (
 csv.field_size_limit(max(csv.field_size_limit(), _LONGEST_CELL))
 
 
-class LayoutError(UsageError):
-    """A header that is none, or columns that nothing separates."""
-
-
 class Grid:
     """A table of texts: its header, and its rows one after the other.
 
@@ -237,7 +233,7 @@ def _refuse_two_headers(table: Sequence[_Row], file: str) -> None:
         f"Write one line in their place: {','.join(names)}. Then name the columns in the scene,"
         ' such as k_adj = "adj_{environment}" below [columns].'
     )
-    raise LayoutError(message, file=file, row=row, value=", ".join(_filled(upper)), hint=hint)
+    raise UsageError(message, file=file, row=row, value=", ".join(_filled(upper)), hint=hint)
 
 
 def _units(table: list[list[str]]) -> dict[str, str]:
@@ -264,7 +260,7 @@ def refuse_headless(grid: Grid) -> None:
             "Write the names of the columns in a line above it, such as"
             " subject,environment,trial,k_ref,k_adj."
         )
-        raise LayoutError(message, file=grid.file, row=grid.header_row, hint=hint)
+        raise UsageError(message, file=grid.file, row=grid.header_row, hint=hint)
 
 
 def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
@@ -301,7 +297,7 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
     beginning = text[:_BEGINNING]
     header = next((line for line in beginning.splitlines() if line.strip()), "")
     fits: list[Grid] = []
-    misfits: list[tuple[bool, int, int, UsageError]] = []
+    misfits: list[tuple[int, int, UsageError]] = []
     for sign in [delimiter] if delimiter else _delimiters(header, beginning):
         for quoting in _quotings(header, beginning):
             try:
@@ -310,8 +306,7 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
                 break
             except UsageError as misfit:
                 # The delimiter meant splits the text most, and the quoting meant gets farthest.
-                named = isinstance(misfit, LayoutError)
-                misfits.append((named, beginning.count(sign), misfit.row or 0, misfit))
+                misfits.append((beginning.count(sign), misfit.row or 0, misfit))
     # Under a delimiter that is none, a row with one in a cell would look like a header.
     least = min((grid.skipped for grid in fits), default=0)
     fits = [grid for grid in fits if grid.skipped == least]
@@ -322,7 +317,7 @@ def text_grid(text: str, file: str, delimiter: str | None) -> Grid:
         hint = 'Declare [sessions] delimiter = ";" (or the one that is right).'
         raise UsageError(f"{names} can each split the lines.", file=file, hint=hint)
     if misfits:
-        raise max(misfits, key=lambda misfit: misfit[:3])[3]
+        raise max(misfits, key=lambda misfit: misfit[:2])[2]
     message = "this is not a table: no comma, semicolon, tab, bar or space separates its columns."
     hint = "Export it as CSV, or declare [sessions] delimiter."
     raise UsageError(message, file=file, row=1, hint=hint)

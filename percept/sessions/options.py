@@ -17,13 +17,12 @@ from percept.sessions.quantities import (
     Table,
     factor,
     known_key,
-    numbers_of,
     quantity_of,
     unfilled,
     usage_error,
     with_mass,
 )
-from percept.sessions.records import IDS, MOMENTS_COLUMNS, SUMMARY_COLUMNS
+from percept.sessions.records import IDS, MASS, MOMENTS_COLUMNS, SUMMARY_COLUMNS
 from percept.sessions.values import LARGEST, LEAST, MISSING
 
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
@@ -144,8 +143,13 @@ def _as_rule(value: Any) -> Any:
 
 
 def canonical_columns(quantities: Iterable[str]) -> tuple[str, ...]:
-    """Name the columns that an analysis of trials reads."""
-    return (*IDS, "trial", *numbers_of(quantities))
+    """Name the columns that an analysis of trials reads: ids, references, then adjustments."""
+    names = list(quantities)
+    columns = [*IDS, "trial", *(f"{name}_ref" for name in names)]
+    # A third quantity leaves k and b an impedance.
+    if IMPEDANCE.keys() <= set(names):
+        columns.append(MASS)
+    return (*columns, *(f"{name}_adj" for name in names))
 
 
 def _with_names(value: Any) -> Any:

@@ -11,7 +11,7 @@ from typing import Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from percept.errors import UsageError, capitalised, did_you_mean
-from percept.sessions.records import IDS, MASS
+from percept.sessions.records import IDS
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 _IMPEDANCE = {
@@ -191,17 +191,6 @@ def is_impedance(parameters: Iterable[str]) -> bool:
 def with_mass(quantities: Quantities) -> Quantities:
     """Return the quantities of references: those adjusted, and the mass of an impedance."""
     return {**quantities, "m": _MASS} if quantities.keys() >= IMPEDANCE.keys() else quantities
-
-
-def numbers_of(quantities: Iterable[str]) -> tuple[str, ...]:
-    """Name the columns of numbers: references, then adjustments."""
-    names = list(quantities)
-    columns = [f"{name}_ref" for name in names]
-    # A third quantity leaves k and b an impedance.
-    if IMPEDANCE.keys() <= set(names):
-        columns.append(MASS)
-    columns += [f"{name}_adj" for name in names]
-    return tuple(columns)
 
 
 def quantity_of(column: str) -> str:

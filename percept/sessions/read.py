@@ -86,9 +86,6 @@ class Sessions:
         scene: DataTables | None = None,
     ) -> Sessions:
         """Build from a DataFrame as :func:`read_sessions` does; its header is row 1."""
-        if not isinstance(frame, pd.DataFrame):
-            hint = "read_sessions reads files."
-            raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
         log = Log(scene)
         return _merged(log, open_frame(frame, log))
 
@@ -157,13 +154,10 @@ class Sessions:
     @cached_property
     def warnings(self) -> tuple[Notice, ...]:
         """What to look at before believing the study."""
-        notices = []
-        found: Iterable[Found] = ()
-        if self.form == "trials":
-            found = doubts.doubts(self.table, self.adjusted, self.options, self.factors)
-        for message, column, index, *_ in found:
-            notices.append(Notice(message, *self.locate(index), column))
-        return tuple(notices)
+        if self.form == "summary":
+            return ()
+        found = doubts.doubts(self.table, self.adjusted, self.options, self.factors)
+        return tuple(Notice(one.message, *self.locate(one.row), one.column) for one in found)
 
     @cached_property
     def slips(self) -> tuple[Found, ...]:
@@ -227,16 +221,16 @@ def read_sessions(*paths: str | Path, scene: DataTables | None = None) -> Sessio
 def _merged(log: Log, files: Iterable[OpenFile]) -> Sessions:
     """Merge the files by column name and check them together."""
     frames = []
-    forms: dict[Form, str] = {}  # The first file of each
+    forms: set[Form] = set()
     for file in files:
         with log.collecting():
-            forms.setdefault(file.form, file.name)
+            forms.add(file.form)
             frame = read_summary(file) if file.form == "summary" else read_trials(file)
             frames.append(frame.assign(file=len(log.sources) - 1))
             log.notices += file.grid.notices
-    for name in [*forms.values()][1:]:
+    if len(forms) > 1:
         message = "trials and a published summary cannot be read together."
-        log.add(message, file=name, hint="Read them one by one.")
+        log.add(message, hint="Read them one by one.")
     if not log.sources:
         for error in log.without_trials:
             log.extend(error)

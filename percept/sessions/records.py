@@ -78,11 +78,10 @@ def once_per_text(notices: Iterable[Notice]) -> tuple[Notice, ...]:
     alike: dict[object, list[Notice]] = {}
     for notice in dict.fromkeys(notices):
         alike.setdefault((notice.column, notice.text), []).append(notice)
-    merged = []
-    for first, *others in alike.values():
-        more = f" (and {len(others)} more like this)" if others else ""
-        merged.append(replace(first, text=first.text + more))
-    return tuple(merged)
+    return tuple(
+        replace(first, text=f"{first.text} (and {len(others)} more like this)") if others else first
+        for first, *others in alike.values()
+    )
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions.columns import Rules, Slot, check_columns, resolve, unused_columns
-from percept.sessions.grid import Grid, LayoutError, refuse_headless, text_grid
+from percept.sessions.grid import Grid, refuse_headless, text_grid
 from percept.sessions.inputs import WORKBOOK, Input, decode, expand, ids_from_name, load
 from percept.sessions.options import DataTables, ExcludeRule
 from percept.sessions.quantities import factor, quantity_of, with_mass
@@ -256,7 +256,7 @@ def _take_units(grid: Grid, slots: Iterable[Slot], rules: Rules, options: DataTa
     grid.notice(f"line {grid.units_row} is read as units: {', '.join(read)}", grid.units_row)
 
 
-def _second_header(grid: Grid, column: str, word: str) -> LayoutError:
+def _second_header(grid: Grid, column: str, word: str) -> UsageError:
     """Say that a row of words below the header is no row of units, or that the scene differs."""
     row = grid.units_row
     message = (
@@ -267,7 +267,7 @@ def _second_header(grid: Grid, column: str, word: str) -> LayoutError:
         "Remove it. Units stand in the scene, below [columns], such as"
         ' k_adj = { name = "…", unit = "N/mm" }.'
     )
-    return LayoutError(message, file=grid.file, row=row, column=column, value=word, hint=hint)
+    return UsageError(message, file=grid.file, row=row, column=column, value=word, hint=hint)
 
 
 def read_grid(entry: Input, options: DataTables) -> Grid:

@@ -244,15 +244,12 @@ def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     columns += [f"{name}_adj" for name in names]
     if MASS in data or MASS in options.declared_references:
         columns.append(MASS)
-    frame = data.reindex(columns=columns)
-    lacking = {name: "1" for name in IDS if name not in data}
-    if "trial" not in data:
-        frame["trial"] = 1
     groups = {name: data[FileColumn(name)] for name in _groups(file)}
-    frame = frame.assign(**lacking, **groups, row=data.index)
-    kinds: dict[str, Any] = dict.fromkeys(IDS, "str")
-    kinds["trial"] = np.int64
-    return frame.astype(kinds)
+    frame = data.reindex(columns=columns).assign(**groups, row=data.index)
+    for name in ("session", "trial"):
+        if name not in data:
+            frame[name] = 1
+    return frame.astype({**dict.fromkeys(IDS, "str"), "trial": np.int64})
 
 
 def read_summary(file: OpenFile) -> pd.DataFrame:
@@ -275,9 +272,7 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
         raise UsageError(message, file=file.name, key="columns", hint="Convert the table.")
     (cells,) = file.cells([columns])
     numbers = file.numbers(cells, needed[2:], "Correct the cell.")
-    frame = cells.assign(level=_LEVEL, row=cells.index)
-    for column in needed[2:]:
-        frame[column] = numbers[column]
+    frame = cells.assign(**{"level": _LEVEL, **numbers}, row=cells.index)
     if is_of_moments:
         from scipy.special import stdtrit
 

@@ -197,9 +197,7 @@ def _sheet_value(cell: Any, written: Any) -> Any:
     value = cell.value
     if value is None and written.data_type == "f":
         return written.value
-    if value is None or cell.data_type == "e":
-        return ""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+    return "" if value is None or cell.data_type == "e" else _plain(value)
 
 
 def _json(entry: Input) -> _Rows:
