@@ -272,7 +272,7 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
         raise UsageError(message, file=file.name, key="columns", hint="Convert the table.")
     (cells,) = file.cells([columns])
     numbers = file.numbers(cells, needed[2:], "Correct the cell.")
-    frame = cells.assign(**{"level": _LEVEL, **numbers}, row=cells.index)
+    frame = cells.assign(level=_LEVEL).assign(**numbers, row=cells.index)
     if is_of_moments:
         from scipy.special import stdtrit
 
