@@ -21,8 +21,6 @@ from percept import __version__
 from percept.commands import Command
 from percept.errors import PerceptError, UsageError, did_you_mean, printable
 
-__all__ = ["COMMANDS", "GROUPS", "build_parser", "main"]
-
 #: Commands by what they are for, each with its module of `percept.commands` and a line of help.
 GROUPS = {
     "analyse": {

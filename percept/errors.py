@@ -7,17 +7,6 @@ import unicodedata
 from collections.abc import Iterable
 from typing import TypedDict, Unpack
 
-__all__ = [
-    "Concerned",
-    "PerceptError",
-    "RefusalError",
-    "UsageError",
-    "capitalised",
-    "counted",
-    "did_you_mean",
-    "printable",
-]
-
 #: Characters of a value that a message shows.
 _LONGEST = 200
 

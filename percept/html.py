@@ -6,8 +6,6 @@ import html
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["NotebookRecord", "fields_html"]
-
 #: Longer sequences are told by their length.
 _MOST = 6
 

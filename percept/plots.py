@@ -30,8 +30,6 @@ from percept.report.figures.couplings import draw_stability
 from percept.report.figures.intervals import draw_intervals
 from percept.results import Band, Boundary, Coupling, Data, IntervalRow
 
-__all__ = ["plot_band", "plot_boundary", "plot_coupling", "plot_intervals"]
-
 # Names are the user's: a dollar sign among them begins no formula.
 _STYLE: dict[Any, Any] = {"text.parse_math": False, "axes.formatter.use_mathtext": False}
 

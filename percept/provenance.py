@@ -12,8 +12,6 @@ from pathlib import Path
 
 from percept import __version__
 
-__all__ = ["Made", "commit_of_code", "made_by", "markdown_table"]
-
 _PACKAGE = Path(__file__).resolve().parent
 _PACKAGES = ("numpy", "scipy", "emcee", "pandas", "arviz-base", "arviz-stats")
 

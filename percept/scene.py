@@ -21,23 +21,9 @@ from pydantic import (
 
 from percept.errors import UsageError
 from percept.html import fields_html
-from percept.scene_device import CouplingTable, DeviceTable, ModeTable, Positive
+from percept.scene_device import CouplingTable, DeviceTable, Positive
 from percept.sessions.options import DataTables, Term, terms_of
 from percept.sessions.quantities import Table, amount_in, is_impedance, known_key
-
-__all__ = [
-    "ChecksTable",
-    "CouplingTable",
-    "DeviceTable",
-    "FrequencyTable",
-    "InferenceTable",
-    "ModeTable",
-    "ModelTable",
-    "ReportTable",
-    "Scene",
-    "StudyTable",
-    "VerdictTable",
-]
 
 
 def _probability(value: float) -> float:

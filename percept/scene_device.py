@@ -11,16 +11,6 @@ from pydantic import AfterValidator, Field, model_validator
 from percept.sessions.options import in_range
 from percept.sessions.quantities import Table
 
-__all__ = [
-    "CouplingTable",
-    "DevicePosteriorTable",
-    "DeviceTable",
-    "ModeTable",
-    "NonNegative",
-    "Positive",
-    "VelocityFilterTable",
-]
-
 # Strict: a quoted number, or true for 1, is a slip.
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True), AfterValidator(in_range)]
 NonNegative = Annotated[

@@ -15,8 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lowest", "lowest", "rising_root", "root", "secant_root", "section_minimum"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -17,7 +17,7 @@ ROOT = Path(percept.__file__).parent
 MODULES = sorted(ROOT.rglob("*.py"))
 
 #: Code tokens in all: what is new is paid for by what it makes dead. Packing does not help.
-MOST_TOKENS = 222_500
+MOST_TOKENS = 212_000
 #: The same of what makes the pages of `reports`.
 MOST_TOKENS_OF_REPORTS = 38_000
 #: The same of the tests.

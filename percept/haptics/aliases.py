@@ -25,8 +25,6 @@ from percept.haptics.arrays import LARGEST, ComplexArray, FloatArray, Scalars
 from percept.haptics.loop import Loop, Warp
 from percept.haptics.records import Device, TabulatedDevice
 
-__all__ = ["Aliases", "alias_features", "aliases"]
-
 # Damping at DC of a device that has none there, as a fraction of that of its modes: at zero the
 # sums have a pole.
 _LEAST_AT_DC = 1e-12

@@ -9,25 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
 
-__all__ = [
-    "LARGEST",
-    "BoolArray",
-    "ComplexArray",
-    "FloatArray",
-    "IntArray",
-    "Scalars",
-    "checked_period",
-    "complex_array",
-    "complex_from",
-    "nonnegative_array",
-    "one_of",
-    "ordered_limits",
-    "ratio",
-    "real_array",
-    "stored",
-    "times",
-]
-
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 BoolArray: TypeAlias = NDArray[np.bool_]

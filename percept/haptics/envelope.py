@@ -26,15 +26,6 @@ from percept.haptics.loop import Loop
 from percept.haptics.perceived import DistancePlane, Limits, Point, perceived_magnitude
 from percept.searches import lowest
 
-__all__ = [
-    "CornerCurves",
-    "Ellipse",
-    "Envelope",
-    "corner_curves",
-    "magnitude_envelope",
-    "magnitude_envelope_ellipse",
-]
-
 # rad: curves are looked at every degree, and each extreme is refined within a degree to either
 # side. A plain ellipse has at most four.
 _ANGLES = np.linspace(0.0, 2 * np.pi, 361)

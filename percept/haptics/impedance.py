@@ -19,25 +19,6 @@ from percept.haptics.arrays import (
 from percept.haptics.loop import Held, Loop, VelocityFilter, Warp
 from percept.haptics.records import Coupling, Device, Environment, TabulatedDevice
 
-__all__ = [
-    "DISCRETIZATIONS",
-    "Element",
-    "coupling_admittance",
-    "coupling_element",
-    "coupling_impedance",
-    "device_impedance",
-    "device_parts",
-    "element_parts",
-    "environment_element",
-    "environment_impedance",
-    "filter_response",
-    "held_parts",
-    "hold",
-    "rotated_device",
-    "series",
-    "spring_damping",
-]
-
 DISCRETIZATIONS = ("tustin", "backward")
 
 

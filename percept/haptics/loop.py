@@ -24,18 +24,6 @@ from percept.haptics.arrays import (
 )
 from percept.haptics.records import AnyDevice, Device, Mode, TabulatedDevice
 
-__all__ = [
-    "HOLDS",
-    "Held",
-    "Lag",
-    "Loop",
-    "VelocityFilter",
-    "Warp",
-    "covers_range",
-    "log_grid",
-    "search_grid",
-]
-
 HOLDS = ("average", "true")
 # In samples. Searches over frequency then need 40,000 points; a loop so late renders nothing.
 _LONGEST_DELAY = 1000.0

@@ -34,22 +34,6 @@ from percept.haptics.impedance import (
 from percept.haptics.loop import Loop, Warp
 from percept.haptics.records import Coupling, Device, Environment, joint_shape
 
-__all__ = [
-    "Boxes",
-    "Display",
-    "DistancePlane",
-    "Limits",
-    "Point",
-    "Range",
-    "Term",
-    "displayed",
-    "effective_impedance",
-    "perceived_impedance",
-    "perceived_magnitude",
-    "shown_element",
-]
-
-
 Limits = tuple[ArrayLike, ArrayLike]
 """Lower and upper limit of k, N/m, or of b, N·s/m."""
 

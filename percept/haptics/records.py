@@ -21,18 +21,6 @@ from percept.haptics.arrays import (
 )
 from percept.html import NotebookRecord
 
-__all__ = [
-    "AnyDevice",
-    "Coupling",
-    "Device",
-    "Environment",
-    "Mode",
-    "NeededDamping",
-    "TabulatedDevice",
-    "joint_shape",
-    "refuse_arrays",
-]
-
 _UNITS = {"stiffness": "N/m", "damping": "N·s/m", "mass": "kg"}
 
 

@@ -42,19 +42,6 @@ from percept.haptics.records import (
 from percept.html import NotebookRecord
 from percept.searches import lowest
 
-__all__ = [
-    "Force",
-    "RenderedRegion",
-    "Rendering",
-    "can_render",
-    "force_of",
-    "needed_damping",
-    "rendered_region",
-    "rendering_load",
-    "rendering_margins",
-    "resonances",
-]
-
 # Couplings, evenly from the softest to the stiffest, whose resonances with an environment's mass
 # are looked for.
 _RESONANCES = 16

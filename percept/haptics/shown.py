@@ -24,14 +24,6 @@ from percept.haptics.records import Device, Mode
 from percept.haptics.rendering import resonances
 from percept.searches import lowest
 
-__all__ = [
-    "ON_LIMIT",
-    "Departure",
-    "ShownLimits",
-    "departure",
-    "shown_limits",
-]
-
 #: Nearer to a limit than this, as a logarithm, a display lies on it: rounding could decide. A
 #: departure keeps some 13 digits, which leaves three to spare.
 ON_LIMIT = 1e-10

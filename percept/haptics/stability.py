@@ -42,19 +42,6 @@ from percept.haptics.records import (
 from percept.html import NotebookRecord
 from percept.searches import lowest, secant_root
 
-__all__ = [
-    "AbsoluteStability",
-    "Demands",
-    "Verdict",
-    "absolute_stability",
-    "coupling_bound",
-    "demands",
-    "max_coupling_stiffness",
-    "required_damping",
-    "required_damping_at",
-    "stability_margin",
-]
-
 # How near to 1 a margin counts as on the limit.
 _ROUNDING = 1e-12
 # κ = K/2β from which on the demand is largest at DC.

@@ -11,17 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from percept.errors import UsageError
 from percept.html import NotebookRecord
 
-__all__ = [
-    "ROW",
-    "Family",
-    "FloatOrArray",
-    "Interval",
-    "Joint",
-    "Kind",
-    "Method",
-    "percent",
-]
-
 Kind: TypeAlias = Literal["mean", "user", "share"]
 Method: TypeAlias = Literal["classical", "bayesian"]
 Family: TypeAlias = Literal["normal", "lognormal"]

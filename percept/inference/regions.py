@@ -14,8 +14,6 @@ from percept.html import NotebookRecord
 from percept.inference.classical.moments import check_option, mean_and_sd, sample, tail_of
 from percept.inference.record import Family, Method
 
-__all__ = ["EllipseRegion", "ellipse_region"]
-
 Array = NDArray[np.float64]
 
 #: 1 − r² below which rounding of the data explains what is left.

@@ -33,7 +33,8 @@ from percept.haptics.stability import coupling_bound
 from percept.inference.record import Family
 from percept.results import Coupling as JudgedCoupling
 from percept.results import Membership, Shape, Skipped
-from percept.scene import DeviceTable, FrequencyTable, Scene
+from percept.scene import FrequencyTable, Scene
+from percept.scene_device import DeviceTable
 from percept.sessions.inputs import csv_frame
 from percept.sessions.options import FileLimits
 from percept.sessions.quantities import is_impedance

@@ -26,18 +26,6 @@ from percept.inference.classical.moments import Moments, mean_and_sd, plain, tai
 from percept.inference.classical.variability import f_limits
 from percept.inference.record import FloatOrArray, Interval, Kind
 
-__all__ = [
-    "Effect",
-    "Tost",
-    "TwoSamples",
-    "anova",
-    "group_contrast",
-    "group_spread_ratio",
-    "paired_contrast",
-    "spread_ratio",
-    "tost",
-]
-
 Array = NDArray[np.float64]
 #: SDs of standardised values, below which the values of two conditions are multiples of one
 #: another.

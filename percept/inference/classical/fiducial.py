@@ -36,13 +36,6 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.classical.moments import Moments, plain, tail_of
 from percept.inference.record import FloatOrArray
 
-__all__ = [
-    "central_range_confidence",
-    "fiducial_draws",
-    "noncentral_t_tail",
-    "tost_power",
-]
-
 Array = NDArray[np.float64]
 #: Probability that the sum leaves out at either end of w: rounding is as large.
 _NEGLIGIBLE = 1e-16

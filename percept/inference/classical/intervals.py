@@ -33,16 +33,6 @@ from percept.inference.classical.moments import (
 )
 from percept.inference.record import Family, FloatOrArray, Interval, Joint, Kind
 
-__all__ = [
-    "Claim",
-    "factor_of_tails",
-    "interval_of",
-    "prediction_interval",
-    "t_interval",
-    "tolerance_factor",
-    "tolerance_interval",
-]
-
 Array = NDArray[np.float64]
 #: Nodes of the integral: they keep 13 digits from n = 2 to 1e6.
 _NODES = 200

@@ -16,22 +16,6 @@ from percept.html import NotebookRecord
 from percept.inference.imports import shapiro
 from percept.inference.record import Family, FloatOrArray
 
-__all__ = [
-    "Moments",
-    "Normality",
-    "check_normality",
-    "check_option",
-    "finite_values",
-    "fitted",
-    "mean_and_sd",
-    "plain",
-    "sample",
-    "subject_counts",
-    "subject_means",
-    "tail_of",
-    "tails",
-]
-
 Array = NDArray[np.float64]
 
 #: Beyond, the published approximation of the normality test's p-value is not valid.

@@ -18,19 +18,6 @@ from scipy import special
 from percept.errors import RefusalError
 from percept.inference.classical.moments import tail_of
 
-__all__ = [
-    "Bounded",
-    "MeanSquares",
-    "component_sd",
-    "correlation",
-    "f_limits",
-    "icc_one_way",
-    "log_sd",
-    "mean_squares",
-    "sd_interval",
-    "trial_mean_squares",
-]
-
 Array = NDArray[np.float64]
 
 #: Pairs from which Fisher's z has a finite variance, 1/(n − 3).
