@@ -27,7 +27,7 @@ ALLOWED = {
     "boundary": {"results", "haptics", "inference", "searches", "html", "errors"},
     "scene": {"scene_device", "sessions", "inference", "html", "errors"},
     "scene_device": {"sessions", "errors"},
-    "study": (_ANALYSIS - {"study"}) | {"report", "plots", "searches"},
+    "study": (_ANALYSIS - {"study"}) | {"scene_device", "report", "plots", "searches"},
     "cache": {"inference", "files", "errors"},
     "workers": {"cache", "errors"},
     "planning": {"inference", "html", "errors"},

@@ -128,19 +128,18 @@ class Displayed(Inferred):
 
         Of many environments they are of the first, as maps are; `boundaries_of` draws any.
         """
-        return self._curves_of(self._shown, self.curve_laws, self.regions)
+        return self._curves_of(self._shown)
 
     def boundaries_of(self, environments: Collection[str] | None = None) -> tuple[Boundary, ...]:
         """Boundaries of all environments, or of those named."""
         names = select("environment", environments, self.with_reference)
-        laws = self._laws_of(names)
-        found = self._curves_of(names, laws, self._regions_of(laws))
-        return tuple(one for one in found if isinstance(one, Boundary))
+        return tuple(one for one in self._curves_of(names) if isinstance(one, Boundary))
 
-    def _curves_of(
-        self, environments: Collection[str], laws: Sequence[Law], regions: Sequence[Region]
-    ) -> Iterator[Boundary | Skipped]:
+    def _curves_of(self, environments: Collection[str]) -> Iterator[Boundary | Skipped]:
         if self.setup is not None:
+            is_shown = set(environments) <= set(self._shown)
+            laws = self.curve_laws if is_shown else self._laws_of(environments)
+            regions = self.regions if is_shown else self._regions_of(laws)
             tolerance = self.data.asked.tolerance
             drawing = BoundaryDrawing(self.setup, regions, laws, self.scene.frequency, tolerance)
             yield from drawing.drawn(environments)
