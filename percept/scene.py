@@ -227,7 +227,7 @@ class ReportTable(Table):
     """What a report shows: its title and notes, and which curves.
 
     `curves` is "family" for boundaries of the scene's family, or "all". An environment
-    without curves in this family has those of the other. Intervals come in both families.
+    without curves in this family gets the curves of the other. Intervals come in both families.
     """
 
     title: str | None = None

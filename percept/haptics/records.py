@@ -47,7 +47,7 @@ class _Parameters:
         """Broadcast the fields to a shape, and take them flat."""
         parameters = self.parameters().items()
         all_flat = {name: np.broadcast_to(value, shape).ravel() for name, value in parameters}
-        return replace(self, **all_flat)  # type: ignore[type-var]  # as above
+        return replace(self, **all_flat)  # type: ignore[type-var]  # every subclass is a dataclass
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ def distinct(records: Iterable[Any], name: str) -> list[Any]:
 
 
 def grouped(records: Iterable[R], *names: str) -> dict[Any, list[R]]:
-    """Return records by the value of a field, or by those of several, as they first appear."""
+    """Return records by the values of one field or more, in the order they first appear."""
     key_of = attrgetter(*names)
     groups: dict[Any, list[R]] = {}
     for record in records:

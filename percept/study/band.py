@@ -123,16 +123,20 @@ def _band_of(banded: Banded, of_parameter: str) -> Iterator[Banded | Skipped]:
         yield Skipped(law, f"without one environment all {name}s lie within 5 % of each other")
 
 
-def classical_replicates(data: Data) -> Replicates:
-    """Simulate the means and SDs that other studies of these users would find, and their limits."""
+def classical_replicates(data: Data, banded: Sequence[Banded]) -> Replicates:
+    """Simulate the means and SDs that other studies of these users would find, and their limits.
+
+    Environments without a band are left out: what others draw must not depend on them.
+    """
     rng = generator(data.asked.seed, Stream.CLASSICAL_BANDS)
-    replicates: Replicates = {}
-    for family in FAMILIES:
-        replicates["classical", family] = {
+    return {
+        ("classical", family): {
             cell: _redrawn_limits(of_cell, family, data.asked, rng)
             for cell, of_cell in data.moments(family).items()
+            if any(cell[1] in one_band.size for one_band in banded)
         }
-    return replicates
+        for family in FAMILIES
+    }
 
 
 def posterior_replicates(fit: Fit) -> Replicates:
@@ -181,7 +185,7 @@ def band_study(
     asked = data.asked
     replicates: Replicates = {}
     if asked.method != "bayesian":
-        replicates |= classical_replicates(data)
+        replicates |= classical_replicates(data, banded)
     if fit is not None:
         replicates |= posterior_replicates(fit)
     tails = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level)]

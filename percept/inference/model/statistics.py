@@ -175,7 +175,7 @@ def from_trials(
     x : ndarray
         Decades of each cell's reference above their geometric mean, shape (P, J).
     parameters, environments, subjects : tuple of str
-        Labels; `environments` are those of the cells.
+        Labels; `environments` has one for each cell.
 
     Returns
     -------

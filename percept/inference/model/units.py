@@ -140,7 +140,7 @@ class Units:
 
     def _columns(self) -> sparse.csr_array:
         """Numbers by vector and unit, for every unknown."""
-        # Vectors are those of the quantities first, then those of the effects.
+        # The vectors of quantities come first, then the vectors of effects.
         by_unit = self.latents.reshape(len(self.latents), -1).T
         of_others = sparse.csr_array(by_unit)
         effect = self.effects[:, self.pattern] - self.before_effects
