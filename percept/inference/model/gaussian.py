@@ -188,7 +188,7 @@ class SubjectCovariance:
     def scatter_distance(self, pattern: Pattern) -> Array:
         """Sum of r'V⁻¹r over the rows r of a pattern's scatter, (W,).
 
-        The squares of L⁻¹H'r are subtracted from r'D⁻¹r, except in draws where little would be left.
+        Squares of L⁻¹H'r are subtracted from r'D⁻¹r, except in draws that little would be left of.
         """
         effects, quantities, cells, width = self._weighted_effects.shape
         rows = pattern.rows.swapaxes(0, 1)
