@@ -1,10 +1,14 @@
-"""Documents of studies, as report.json holds them, and pages of documents that were changed."""
+"""Documents of studies, tables row by row, and pages of documents that were changed."""
 
 import json
+from functools import cache
+
+from pydantic import TypeAdapter
 
 from percept.report.overview import findings
 from percept.report.write import build_sections, render_page
 from percept.results import Data, Provenance, Results, Words
+from percept.results.results import read_rows
 from percept.sessions.quantities import IMPEDANCE
 
 #: Results of a study of stiffness that has nothing yet.
@@ -25,12 +29,24 @@ EMPTY = Results(
 def build_document(study, **options):
     """The plain values of report.json; `options` are those of `Study.results`."""
     results = study.results(**options)
-    return json.loads(results.to_json(findings(results)))
+    return with_rows(results.to_json(findings(results)))
+
+
+def with_rows(text):
+    """The plain values of report.json's text."""
+    document = json.loads(text)
+    read_rows(document)
+    return document
+
+
+@cache
+def _schema():
+    return TypeAdapter(Results)
 
 
 def as_results(document):
     """The records that a document holds, as `Results.load` reads them."""
-    return Results.from_plain(document)
+    return _schema().validate_python(document)
 
 
 def page_of(document, plots=None, *, date="2026-01-01"):

@@ -89,25 +89,21 @@ def band_laws(
     """
     with np.errstate(over="ignore", invalid="ignore"):
         drawn = {}
-        left_out = {}
+        without = {}
+        errors = []
         refitted = replicates.size * len(sizes)
         gap = max(1, refitted // _MOST_REFITTED)
         for law in LAWS:
             drawn[law] = fit_law(law, sizes, replicates)
-            left_out[law] = leave_one_out(law, sizes, replicates[::gap])
-    within_range = [np.isfinite(error).all() for error, _ in left_out.values()]
-    if not all(within_range):
+            error, without[law] = leave_one_out(law, sizes, replicates[::gap])
+            errors.append(np.sqrt((error**2).mean(axis=1)))
+    if not np.isfinite(errors).all():
         return
-    errors = []
-    for error, _ in left_out.values():
-        squares = (error**2).mean(axis=1)
-        errors.append(np.sqrt(squares))
     medians = np.median(errors, axis=1).tolist()
     typical = dict(zip(LAWS, medians, strict=True))
     least = np.min(errors, axis=0)
     winners = np.argmax(errors <= _TIED * least, axis=0)
-    _, offsets_without = left_out["offset"]
-    carrier = _carrier(environments, drawn["offset"], offsets_without)
+    carrier = _carrier(environments, drawn["offset"], without["offset"])
     tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
     for index, (law, names) in enumerate(LAWS.items()):
         values = np.median(drawn[law], axis=0)

@@ -6,7 +6,7 @@ A subject is left out by Pareto-smoothed importance sampling.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,8 +163,8 @@ def predict_left_out(subjects: SubjectDensity, left: LeftOut, weights: Array) ->
     )
 
 
-def intervals_left_out(left: LeftOut, weights: Array, level: float) -> Array:
-    """Find the intervals of all locations without each subject.
+def intervals_left_out(left: LeftOut, weights: Array, cells: Sequence[int], level: float) -> Array:
+    """Find the intervals of some locations without each subject.
 
     Without a subject, draws of the scales have other weights, and the locations another law given
     the scales: the interval is that of a weighted mixture of normal laws.
@@ -175,19 +175,21 @@ def intervals_left_out(left: LeftOut, weights: Array, level: float) -> Array:
         Predictions of each subject from the others, at S draws.
     weights : ndarray, shape (S, N)
         Of these draws without each subject, with a sum of one.
+    cells : sequence of int
+        Numbers of C locations among the P J of all parameters and environments.
     level : float
         Of the intervals.
 
     Returns
     -------
-    ndarray, shape (3, N, P, J)
+    ndarray, shape (3, N, C)
         Lower limits, means and upper limits, on the response scale.
     """
-    draws, _, *shape = left.location.shape
+    draws = len(left.location)
     found = []
     for i, of_draws in enumerate(weights.T):
-        location = left.location[:, i].reshape(draws, -1)
-        sd = left.location_sd[:, i].reshape(draws, -1)
+        location = left.location[:, i].reshape(draws, -1)[:, cells]
+        sd = left.location_sd[:, i].reshape(draws, -1)[:, cells]
         lower, upper, _ = mixture_limits(location, sd, 0.5 * (1.0 - level), of_draws)
         found.append([lower, of_draws @ location, upper])
-    return np.stack(found, axis=1).reshape(3, -1, *shape)
+    return np.stack(found, axis=1)

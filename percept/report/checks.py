@@ -28,7 +28,6 @@ from percept.report.basics import (
     table_of,
     value,
 )
-from percept.report.biases import foremost
 from percept.report.decisions import RENDERED, judged_verdicts
 from percept.report.overview import misfits
 from percept.results import (
@@ -173,7 +172,6 @@ def _without(results: Results, loo: LeftOut) -> Table:
     assert results.checks is not None
     words = results.data.words
     names = [check.subject for check in loo.subjects]
-    shown = foremost(results)
 
     def moved_most(row: IntervalWithout) -> Cell:
         whole = matching(
@@ -197,7 +195,7 @@ def _without(results: Results, loo: LeftOut) -> Table:
             return NOTHING
         return (*value(verdict.without[index], 3, "percent"), f", {names[index]}")
 
-    rows = [row for row in results.checks.without if row.environment in shown]
+    rows = results.checks.without
     columns: Columns = {capitalised(words.environment): str}
     for name, chosen in grouped(rows, "parameter").items():
         quantity = results.data.quantities[name]

@@ -14,20 +14,7 @@ import numpy as np
 
 from percept.files import inert
 from percept.report.basics import SUPERSCRIPT, Cell, Section, Table
-from percept.results import Results
-
-#: Fields of `Results` that are tables of their own.
-_CSV = (
-    "intervals",
-    "boundaries",
-    "band_pairs",
-    "psychophysics",
-    "equivalence",
-    "contrast",
-    "anova",
-    "verdicts",
-    "rendering",
-)
+from percept.results import TABLES, Results
 
 
 def csv_tables(results: Results) -> dict[str, str]:
@@ -45,7 +32,7 @@ def csv_tables(results: Results) -> dict[str, str]:
         report.json; a field of a record within a record as PART_FIELD. The outcome of what cannot
         be rendered says so. A table without rows is absent.
     """
-    tables: dict[str, Sequence[Any]] = {name: getattr(results, name) or () for name in _CSV}
+    tables: dict[str, Sequence[Any]] = {name: getattr(results, name) or () for name in TABLES}
     tables["data"] = results.data.cells
     tables["subjects"] = results.data.people
     tables["band"] = results.band.rows if results.band else ()

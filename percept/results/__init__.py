@@ -62,6 +62,7 @@ from percept.results.intervals import (
 )
 from percept.results.results import (
     SCHEMA,
+    TABLES,
     Beside,
     Findings,
     Results,
@@ -76,6 +77,7 @@ from percept.results.results import (
 __all__ = [
     "MOST_SHOWN",
     "SCHEMA",
+    "TABLES",
     "AdmissibleCouplings",
     "AnovaRow",
     "Band",

@@ -185,7 +185,8 @@ class LeftOut(NotebookRecord):
 class IntervalWithout:
     """The average user's interval without each subject in turn, in the order of `LeftOut`.
 
-    None stands where the weights of the draws cannot be trusted.
+    None stands where the weights of the draws cannot be trusted. Of many environments there are the
+    first, as of curves.
     """
 
     environment: str

@@ -233,7 +233,7 @@ class Verdict(NotebookRecord):
     more: MoreSubjects | None = None
     leaning: Leaning | None = None  # None where no row of the environment looks mistyped
     #: Posterior probability without each subject, in the order of `LeftOut`; None where the draws
-    #: do not tell. Empty without checks.
+    #: do not tell. Empty without checks, and of many environments in all but the first.
     without: tuple[float | None, ...] = ()
 
 

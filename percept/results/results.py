@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -40,7 +40,19 @@ from percept.results.intervals import (
 )
 
 #: Of report.json and fit.json: the name, and the version of its fields.
-SCHEMA = "percept-report/6"
+SCHEMA = "percept-report/7"
+#: Fields of `Results` that are tables: columns in report.json, CSV in a report's folder.
+TABLES = (
+    "intervals",
+    "boundaries",
+    "band_pairs",
+    "psychophysics",
+    "equivalence",
+    "contrast",
+    "anova",
+    "verdicts",
+    "rendering",
+)
 
 #: Does some work while the caller goes on, as `percept.workers.beside` does.
 Beside = Callable[..., AbstractContextManager[Callable[..., Callable[[], Any]]]]
@@ -51,7 +63,7 @@ JsonObject = dict[str, Any]
 _SHARED = ("omega", "reference", "coupled")
 #: Characters that move a terminal's cursor or hide text: C1 controls, and marks of direction.
 _HIDDEN = re.compile("[\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
-_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
 def in_turn(
@@ -176,13 +188,22 @@ class Results:
         Returns
         -------
         str
-            Every digit of every number; "inf" and "-inf" for infinities, null for NaN. Curves that
-            all boundaries of an environment share stand once, under "impedances".
+            Every digit of every number; "inf" and "-inf" for infinities, null for NaN. A table has
+            a list per field. What its rows share stands once: curves of an environment under
+            "impedances", and sentences, which rows of intervals name by their place, under
+            "covers".
         """
         document: JsonObject = {"schema": SCHEMA}
         for one in dataclasses.fields(self):
             document[one.name] = plain(getattr(self, one.name))
         document["impedances"] = share_curves(document["boundaries"])
+        sentences = list(dict.fromkeys(row.covers for row in self.intervals))
+        document["covers"] = sentences
+        for row in document["intervals"]:
+            row["covers"] = sentences.index(row["covers"])
+        for name in TABLES:
+            if rows := document[name]:
+                document[name] = {field: [row[field] for row in rows] for field in rows[0]}
         if summary is not None:
             document["summary"] = plain(summary)
         return dumps(document)
@@ -223,25 +244,14 @@ class Results:
                 hint="Make the report again from its data.",
             )
         try:
-            return cls.from_plain(document)
+            read_rows(document)
+            return TypeAdapter(Results).validate_python(document)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             place = "/".join(str(step) for step in first["loc"])
             raise UsageError(f"{first['msg']}.", file=str(path), key=place) from None
-
-    @classmethod
-    def from_plain(cls, document: JsonObject) -> Results:
-        """Make results of report.json's values; pydantic's ValidationError names what is wrong."""
-        complete = dict(document)
-        shared = complete.pop("impedances", {})
-        complete["boundaries"] = _with_curves(complete.get("boundaries"), shared)
-        return _schema().validate_python(complete)
-
-
-@cache
-def _schema() -> TypeAdapter[Results]:
-    """Return the schema of the records' own types; it takes a moment to build."""
-    return TypeAdapter(Results)
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
+            raise UsageError(f"its tables are damaged: {error}.", file=str(path)) from None
 
 
 def parts() -> dict[str, Part]:
@@ -251,29 +261,23 @@ def parts() -> dict[str, Part]:
 
 
 def share_curves(boundaries: list[JsonObject]) -> dict[str, JsonObject]:
-    """Take the shared curves out of plain boundaries, and return them by environment.
-
-    A boundary whose curves differ from the first one's of its environment keeps its own.
-    """
-    shared: dict[str, JsonObject] = {}
-    for boundary in boundaries:
-        curves = {name: boundary[name] for name in _SHARED}
-        if shared.setdefault(boundary["environment"], curves) == curves:
-            for name in _SHARED:
-                del boundary[name]
-    return shared
+    """Take the shared curves out of plain boundaries, and return them by environment."""
+    return {
+        boundary["environment"]: {name: boundary.pop(name) for name in _SHARED}
+        for boundary in boundaries
+    }
 
 
-def _with_curves(boundaries: Any, shared: Any) -> Any:
-    """Undo `share_curves`; the schema reports what has another shape."""
-    if not isinstance(boundaries, list) or not isinstance(shared, dict):
-        return boundaries
-    complete = []
-    for boundary in boundaries:
-        if isinstance(boundary, dict):
-            boundary = {**(shared.get(boundary.get("environment")) or {}), **boundary}
-        complete.append(boundary)
-    return complete
+def read_rows(document: JsonObject) -> None:
+    """Turn the tables of a document into rows, each with what it shares with others."""
+    for name in TABLES:
+        if columns := document[name]:
+            values = zip(*columns.values(), strict=True)
+            document[name] = [dict(zip(columns, row, strict=True)) for row in values]
+    for row in document["intervals"]:
+        row["covers"] = document["covers"][row["covers"]]
+    for boundary in document["boundaries"]:
+        boundary.update(document["impedances"][boundary["environment"]])
 
 
 def plain(value: Any) -> Any:
@@ -281,7 +285,9 @@ def plain(value: Any) -> Any:
     if value is None or isinstance(value, (str, int)):
         return value
     if isinstance(value, float):
-        return _number(float(value))
+        if math.isfinite(value):
+            return float(value)
+        return None if math.isnan(value) else str(float(value))
     if isinstance(value, Mapping):
         return {str(name): plain(part) for name, part in value.items()}
     if isinstance(value, (list, tuple)):
@@ -293,22 +299,10 @@ def plain(value: Any) -> Any:
     if hasattr(value, "model_dump"):
         return plain(value.model_dump())
     if isinstance(value, (np.ndarray, np.generic)):
-        array = np.asarray(value)
-        # Only where a number is not finite does each need a look.
-        is_finite = array.dtype.kind == "f" and bool(np.isfinite(array).all())
-        return array.tolist() if is_finite else plain(array.tolist())
+        return plain(value.tolist())
     if hasattr(value, "to_dict"):
         return plain(value.to_dict("records"))
     raise TypeError(f"{type(value).__name__} has no plain form.")
-
-
-def _number(value: float) -> float | str | None:
-    """Return a double as JSON holds it."""
-    if math.isfinite(value):
-        return value
-    if math.isnan(value):
-        return None
-    return "inf" if value > 0 else "-inf"
 
 
 def dumps(document: JsonObject) -> str:

@@ -22,6 +22,7 @@ from percept.inference.predictive import (
     statistics_of,
 )
 from percept.results import (
+    MOST_SHOWN,
     CellOutlier,
     Checks,
     IntervalWithout,
@@ -61,17 +62,18 @@ def model_checks(fit: Fit) -> Checks | Skipped:
 
 def _intervals_without(fit: Fit, loo: Loo, left: Predictions) -> Iterator[IntervalWithout]:
     """Yield each average user's interval without each subject in turn, by weighted draws."""
-    found = intervals_left_out(left, loo.weights, fit.data.asked.level)
-    trusted = loo.trusted[:, None]
-    of_cells = found.reshape(3, len(trusted), -1)
-    ends = np.where(trusted, fit.scale.native(of_cells), np.nan)
-    for (parameter, environment), c in fit.column.items():
+    environments = fit.environments[:MOST_SHOWN]
+    cells = [cell for cell in fit.column if cell[1] in environments]
+    columns = [fit.column[cell] for cell in cells]
+    found = intervals_left_out(left, loo.weights, columns, fit.data.asked.level)
+    ends = np.where(loo.trusted[:, None], fit.scale.at(columns).native(found), np.nan)
+    for c, (parameter, environment) in enumerate(cells):
         lower, estimate, upper = [tuple(map(known, end)) for end in ends[:, :, c].tolist()]
         yield IntervalWithout(environment, parameter, estimate, lower, upper)
 
 
 def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
-    """Weights of the first S draws of users without each subject, (S, N), by environment.
+    """Weights of the first S draws of users without each subject, (S, N), by their environment.
 
     They are one over the density of the subject's data given scales, locations and the other
     subjects; NaN of subjects without whom they cannot be trusted. There are none of a model that
@@ -86,9 +88,10 @@ def weights_without(fit: Fit, users: Mapping[str, Users]) -> dict[str, Array]:
     if not np.isfinite(left.log_density).all():
         return found
     laws = subjects.density.joint(points, subjects.density.pair_rows)
-    for j, environment in enumerate(fit.environments):
+    for environment, of_environment in users.items():
+        j = fit.environments.index(environment)
         scale = fit.scale.at(fit.pair(environment))
-        drawn = users[environment].mean.T[: len(points)]
+        drawn = of_environment.mean.T[: len(points)]
         responses = (drawn - scale.centre) / scale.unit
         of_all = _log_normal(responses - laws.mean[:, j], laws.location[:, j])
         without = np.empty((*left.log_density.shape, 2, 2))

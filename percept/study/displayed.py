@@ -235,7 +235,7 @@ class Displayed(Inferred):
         if self.scene.checks is not None and self.passed is not None:
             from percept.study.checks import weights_without
 
-            weights = weights_without(self.passed, self.users)
+            weights = weights_without(self.passed, self.map_users.draws)
         judged = study_verdicts(
             self.setup, self.users, self.subjects, self.scene, stable=stable, weights=weights
         )

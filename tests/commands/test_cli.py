@@ -12,6 +12,7 @@ import pytest
 from percept.cli import COMMANDS, GROUPS, build_parser, main
 from percept.errors import UsageError
 from tests import DATASETS
+from tests.documents import with_rows
 from tests.unmixed import unmixed_sessions
 
 SESSIONS = str(DATASETS / "hbfd_sessions.csv")
@@ -100,10 +101,11 @@ def test_a_locale_of_ascii_loses_no_line():
 def test_fit_writes_the_intervals_it_prints(tmp_path, capsys):
     out = tmp_path / "out"
     code = main(["fit", SESSIONS, "--method", "classical", "--out", str(out), "--json"])
-    printed = json.loads(capsys.readouterr().out)
+    printed = capsys.readouterr().out
     assert code == 0
-    assert printed == json.loads((out / "fit.json").read_text(encoding="utf-8"))
-    row = next(r for r in printed["intervals"] if r["environment"] == "VE4" and r["kind"] == "mean")
+    assert printed == (out / "fit.json").read_text(encoding="utf-8")
+    rows = with_rows(printed)["intervals"]
+    row = next(r for r in rows if r["environment"] == "VE4" and r["kind"] == "mean")
     assert f"{row['lower']:.0f} {row['upper']:.0f}" == "23316 24968"
 
 
@@ -150,7 +152,7 @@ def test_fit_prints_the_methods_side_by_side(tmp_path, capsys):
     ]
     assert printed[31] == "These are 30 of 48 rows; fit.json has all."
     assert printed[32].startswith("Left out: ")
-    document = json.loads((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
+    document = with_rows((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
     (row,) = (
         row
         for row in document["intervals"]
@@ -405,7 +407,7 @@ def test_an_error_above_the_tolerance_is_a_warning_and_no_failure(tmp_path, caps
     told = capsys.readouterr().err
     assert told.startswith("percept: The Monte Carlo error reached is ")
     assert "0.01 % was requested. A larger most_steps (now 200) lowers it." in told
-    document = json.loads((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
+    document = with_rows((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
     assert {row["method"] for row in document["intervals"]} == {"classical", "bayesian"}
     gate = document["diagnostics"]["gate"]
     assert gate["passed"]

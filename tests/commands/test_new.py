@@ -1,5 +1,4 @@
 import dataclasses
-import json
 import tomllib
 from importlib import resources
 
@@ -11,6 +10,7 @@ from percept.cli import main
 from percept.inference.model.priors import Priors
 from percept.scene import FrequencyTable, InferenceTable, ModelTable, ReportTable, Scene
 from percept.sessions.options import canonical_columns
+from tests.documents import with_rows
 
 # Two keys describe the device in another way, and two belong together.
 INSTEAD = ("mass", "damping", "modes", "delay_seconds", "posterior")
@@ -128,7 +128,7 @@ def test_a_scene_from_data_that_lacks_nothing_is_followed(tmp_path, capsys):
     assert main(["new", str(path), "--from", str(data)]) == 0
     assert "percept: Look through it. Then run: percept report" in capsys.readouterr().err
     assert main([*command, "--scene", str(path)]) == 0
-    intervals = json.loads((tmp_path / "fit" / "fit.json").read_text())["intervals"]
+    intervals = with_rows((tmp_path / "fit" / "fit.json").read_text())["intervals"]
     (mean,) = [
         own
         for own in intervals

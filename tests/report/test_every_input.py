@@ -3,13 +3,13 @@
 The published study's trials are the fixture `report`, which other tests read.
 """
 
-import json
 import re
 
 import pytest
 
 from percept import Scene, Study, read_sessions
 from tests import DATASETS
+from tests.documents import with_rows
 from tests.fits import SHARED
 
 #: Data sets by what is new about their form.
@@ -36,7 +36,7 @@ def written(name, scene, folder):
     """Page and document of a data set's report."""
     sessions = read_sessions(DATASETS / f"{name}.csv", scene=scene)
     page = Study(sessions, scene, store=SHARED).report(folder / "out", date="2026-01-01")
-    document = json.loads((folder / "out" / "report.json").read_text("utf-8"))
+    document = with_rows((folder / "out" / "report.json").read_text("utf-8"))
     return page.read_text("utf-8"), document
 
 

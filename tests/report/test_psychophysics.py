@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 
 import pytest
 
@@ -12,9 +11,8 @@ from percept import Scene, Study
 from percept.report.adjustments import adjustments
 from percept.report.basics import Value
 from percept.report.tables import csv_tables
-from percept.results import Results
 from percept.sessions import Sessions
-from tests.documents import page_of_results, parts_of
+from tests.documents import as_results, page_of_results, parts_of, with_rows
 from tests.study.test_psychophysics import repeated
 
 
@@ -69,6 +67,6 @@ def test_csv_and_json_hold_every_digit(judged):
         assert (row["measure"], float(row["upper"])) == (record.measure, record.upper)
     (first, _) = csv.DictReader(io.StringIO(tables["equivalence.csv"]))
     assert first["outcome"] == judged.equivalence[0].outcome
-    again = Results.from_plain(json.loads(judged.to_json()))
+    again = as_results(with_rows(judged.to_json()))
     assert again.psychophysics == judged.psychophysics
     assert again.equivalence == judged.equivalence

@@ -5,6 +5,7 @@ import json
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from percept.errors import UsageError
@@ -78,19 +79,23 @@ def test_a_document_names_its_schema_and_every_field():
     document = json.loads(RESULTS.to_json())
     assert document["schema"] == SCHEMA
     names = [field.name for field in dataclasses.fields(Results)]
-    assert list(document)[1:] == [*names, "impedances"]
+    assert list(document)[1:] == [*names, "impedances", "covers"]
 
 
-def test_curves_that_boundaries_share_are_written_once(tmp_path):
-    """A boundary with curves of its own keeps them."""
-    other = dataclasses.replace(BOUNDARY, reference=2.0 * BOUNDARY.reference)
-    results = dataclasses.replace(RESULTS, boundaries=(BOUNDARY, BOUNDARY, other))
+def test_tables_stand_by_columns_and_what_rows_share_stands_once(tmp_path):
+    rows = (INTERVAL, dataclasses.replace(INTERVAL, n=5))
+    results = dataclasses.replace(RESULTS, intervals=rows, boundaries=(BOUNDARY, BOUNDARY))
     path = written(tmp_path, results.to_json())
     document = json.loads(path.read_text(encoding="utf-8"))
-    assert ["omega" in boundary for boundary in document["boundaries"]] == [False, False, True]
-    for before, after in zip(results.boundaries, Results.load(path).boundaries, strict=True):
-        np.testing.assert_array_equal(after.omega, before.omega)
-        np.testing.assert_array_equal(after.reference, before.reference)
+    table = pd.DataFrame(document["intervals"])
+    assert table["n"].tolist() == [4, 5]
+    assert [document["covers"][place] for place in table["covers"]] == [INTERVAL.covers] * 2
+    assert "omega" not in document["boundaries"]
+    assert document["impedances"][BOUNDARY.environment]["omega"] == [0.1, 1.0]
+    loaded = Results.load(path)
+    assert loaded.intervals == rows
+    for boundary in loaded.boundaries:
+        np.testing.assert_array_equal(boundary.reference, BOUNDARY.reference)
 
 
 def test_a_file_that_is_no_report_is_refused(tmp_path):
@@ -108,9 +113,9 @@ def test_a_file_that_is_no_report_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("name", "value", "place"),
     [
-        ("intervals", 3, "intervals"),
-        ("intervals", [{"environment": "a"}], "intervals/0/parameter"),
-        ("boundaries", [{"omega": "text"}], "boundaries/0/"),
+        ("data", 3, "data"),
+        ("intervals", {"environment": ["a"], "covers": [0]}, "intervals/0/parameter"),
+        ("verdicts", {"environment": [1]}, "verdicts/0/"),
         ("skipped", [{"what": "a", "why": 2}], "skipped/0/why"),
     ],
 )
@@ -120,3 +125,10 @@ def test_a_damaged_report_is_refused_by_its_place(tmp_path, name, value, place):
         Results.load(written(tmp_path, json.dumps(document)))
     assert refused.value.key.startswith(place)
     assert "report.json" in str(refused.value)
+
+
+@pytest.mark.parametrize("table", [3, {"n": [1, 2], "covers": [0]}, {"n": [1], "covers": [9]}])
+def test_damaged_tables_are_refused(tmp_path, table):
+    document = json.loads(RESULTS.to_json()) | {"intervals": table}
+    with pytest.raises(UsageError, match="its tables are damaged"):
+        Results.load(written(tmp_path, json.dumps(document)))

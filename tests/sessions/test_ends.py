@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import tomllib
 
@@ -14,7 +13,7 @@ from percept.errors import UsageError
 from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.study import Study
-from tests.documents import build_document, page_of
+from tests.documents import build_document, page_of, with_rows
 
 HEAD = "subject,environment,trial,k_ref,k_adj,b_ref,b_adj"
 
@@ -97,7 +96,7 @@ def test_intervals_say_what_they_leave_out(tmp_path, capsys):
     said = capsys.readouterr().err
     assert "are left out: 2 of 12 in 'a' (2 subjects), 1 of 11 in 'b' (1 subject)." in said
     assert "Every interval describes the other values only" in said
-    document = json.loads((tmp_path / "fit" / "fit.json").read_text())
+    document = with_rows((tmp_path / "fit" / "fit.json").read_text())
     counts = {row["environment"]: row["left_out"] for row in document["intervals"]}
     assert counts == {"a": 2, "b": 1}
     # At each level of a factor those stand that it leaves out.

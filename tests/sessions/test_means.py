@@ -1,6 +1,5 @@
 """Studies in which nothing was matched: their means are those that scipy gives."""
 
-import json
 import re
 
 import numpy as np
@@ -12,6 +11,7 @@ from percept import Scene, Study
 from percept.cli import main
 from percept.report.overview import decide
 from percept.sessions import Sessions
+from tests.documents import with_rows
 
 VALUES = {"soft": [4.0, 5.0, 7.0, 6.5], "hard": [9.0, 11.0, 8.0, 12.5]}
 
@@ -36,7 +36,7 @@ def test_values_without_references_give_the_means_that_scipy_gives(ratings, tmp_
     out = tmp_path / "out"
     call = ["report", str(ratings), "--scene", str(scene), "--out", str(out)]
     assert main([*call, "--method", "classical"]) == 0
-    document = json.loads((out / "report.json").read_text())
+    document = with_rows((out / "report.json").read_text())
     rows = [
         row
         for row in document["intervals"]

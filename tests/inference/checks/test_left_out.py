@@ -83,13 +83,13 @@ def test_intervals_without_a_subject_equal_quadrature_over_the_posterior_of_the_
     subjects = small.subjects_of(RESPONSE)
     left = subjects.left_out(small.even_draws(subjects.density, 4000))
     weights = leave_one_out(subjects, left).weights
-    lower, mean, upper = intervals_left_out(left, weights, 0.95)
+    lower, mean, upper = intervals_left_out(left, weights, [0], 0.95)
     for i in range(len(RESPONSE)):
         others = small.density_of(np.delete(RESPONSE, i))
         mass, _ = small.weights(others)
         keep = mass > 1e-12
         law = others.moments(small.GRID[keep][:, None])
-        assert mean[i, 0, 0] == pytest.approx(mass[keep] @ law.mean[:, 0], abs=2e-3)
+        assert mean[i, 0] == pytest.approx(mass[keep] @ law.mean[:, 0], abs=2e-3)
         for end, probability in ((lower, 0.025), (upper, 0.975)):
-            below = stats.norm.cdf((end[i, 0, 0] - law.mean[:, 0]) / law.sd[:, 0])
+            below = stats.norm.cdf((end[i, 0] - law.mean[:, 0]) / law.sd[:, 0])
             assert mass[keep] @ below == pytest.approx(probability, abs=2e-3)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study
 from percept.cli import main
+from tests.documents import with_rows
 
 KINDS = ("mean", "user", "share")
 DECADES = {"k": (10.0, 5e4), "b": (0.1, 50.0)}
@@ -130,7 +129,7 @@ def test_identical_subjects_are_refused_on_the_command_line_and_answered_with_a_
         '[model]\nresolution = {k = 10.0}\n[inference]\ntolerance = 0.05\nmethod = "bayesian"\n'
     )
     assert main(["fit", str(data), "--scene", str(scene), "--out", str(out)]) == 0
-    rows = json.loads((out / "fit.json").read_text(encoding="utf-8"))["intervals"]
+    rows = with_rows((out / "fit.json").read_text(encoding="utf-8"))["intervals"]
     assert {row["kind"] for row in rows} == set(KINDS)
     assert all(0 < row["lower"] < row["estimate"] < row["upper"] < np.inf for row in rows)
 
