@@ -38,9 +38,9 @@ _ALIKE = 1.25
 # Errors within this factor are one but for rounding: offsets and powers both pass through two
 # sizes. The first law counts.
 _TIED = 1.0 + 1e-6
-# Bands that laws are fitted to with environments left out, at most. Of 160 environments a sixth of
-# the replicates are left, which is enough for medians.
-_MOST_REFITTED = 1 << 22
+# Bands that laws are fitted to with environments left out, at most. Of 160 environments a twelfth
+# of the replicates are left, which is enough for medians.
+_MOST_REFITTED = 1 << 21
 #: Sizes that differ by a smaller share count as one: an exponent would divide scatter of the bands
 #: by a difference of next to nothing, and its powers overflow.
 _EQUAL = 0.05
@@ -96,7 +96,8 @@ def band_laws(
         for law in LAWS:
             drawn[law] = fit_law(law, sizes, replicates)
             error, without[law] = leave_one_out(law, sizes, replicates[::gap])
-            errors.append(np.sqrt((error**2).mean(axis=1)))
+            squares = (error**2).mean(axis=1)
+            errors.append(np.sqrt(squares))
     if not np.isfinite(errors).all():
         return
     medians = np.median(errors, axis=1).tolist()
@@ -109,10 +110,8 @@ def band_laws(
         values = np.median(drawn[law], axis=0)
         if bands is not None:
             values = fit_law(law, sizes, bands[None])[0]
-        lower, upper = np.quantile(drawn[law], tails, axis=0)
-        parameters = {}
-        for i, name in enumerate(names):
-            parameters[name] = Coefficient(float(values[i]), float(lower[i]), float(upper[i]))
+        found = np.vstack([values, np.quantile(drawn[law], tails, axis=0)]).T.tolist()
+        parameters = {name: Coefficient(*of_one) for name, of_one in zip(names, found, strict=True)}
         size = size_name(whose.parameter)
         left_out_sentence = _error_sentence(law, typical)
         yield BandLaw(
@@ -237,26 +236,29 @@ def _fit_offset(impedance: Array, log_bands: Array) -> Array:
     highest = np.log(impedance.max()) + _ABOVE
     grid = np.linspace(lowest, highest, _GRID_POINTS)
 
-    def misfit(log_ratio: Array) -> Array:
-        """Return the squared distance of each set (S,) at ratios (points, S)."""
-        shape = np.log(np.exp(log_ratio)[..., None] + impedance)
-        return (log_bands - shape).var(axis=-1)
+    def misfit(ratio: Array) -> Array:
+        """Return the squared distance of each set (S,) at its ratio (S, 1)."""
+        return (log_bands - np.log(ratio + impedance)).var(axis=1)
 
     def slope(which: NDArray[np.intp], log_ratio: Array) -> Array:
         """Return the slope of half of it, whose zero has twice the digits of its minimum."""
         offset = np.exp(log_ratio)[:, None]
-        residual = log_bands[which] - np.log(offset + impedance)
+        size = offset + impedance
+        residual = log_bands[which] - np.log(size)
         residual -= residual.mean(axis=1, keepdims=True)
-        return -np.einsum("sj,sj->s", residual, offset / (offset + impedance))
+        return -np.einsum("sj,sj->s", residual, offset / size)
 
-    best = grid[misfit(grid[:, None]).argmin(axis=0)]
+    shapes = np.log(np.exp(grid)[:, None] + impedance)
+    shapes -= shapes.mean(axis=1, keepdims=True)
+    # Squared distances of all sets at all ratios, less the squares of the bands alone.
+    distance = (shapes**2).sum(axis=1) - 2.0 * log_bands @ shapes.T
+    best = grid[distance.argmin(axis=1)]
     step = grid[1] - grid[0]
     minimum = secant_root(slope, best, best - step, best + step)
     # At an end of the grid nothing turns.
-    minimum = np.clip(minimum, lowest, highest)
+    ratio = np.exp(np.clip(minimum, lowest, highest))[:, None]
     # No offset at all may fit best: the search runs in the logarithm, which never gets there.
-    log_of_none = np.full(len(log_bands), -np.inf)
-    ratio = np.where(misfit(log_of_none) <= misfit(minimum), 0.0, np.exp(minimum))
-    shape = np.log(ratio[:, None] + impedance)
+    ratio[misfit(np.zeros(1)) <= misfit(ratio)] = 0.0
+    shape = np.log(ratio + impedance)
     w = np.exp((log_bands - shape).mean(axis=1))
-    return np.stack([ratio * w, w], axis=1)
+    return np.stack([ratio[:, 0] * w, w], axis=1)

@@ -193,8 +193,7 @@ def _explorer(results: Results) -> Section:
     ]
     if not curves:
         return Section("explore")
-    shared = share_curves(curves)
-    document = {"boundaries": curves, "impedances": shared}
+    document = {"boundaries": curves, "impedances": share_curves(curves)}
     text = json.dumps(document, ensure_ascii=False, separators=(",", ":"))
     # A script element ends at the first end tag in it, wherever that stands.
     data = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -63,7 +63,7 @@ def _csv(rows: Sequence[dict[str, object]]) -> str:
 def _column(value: object, length: int) -> list[object]:
     """Write a curve, or one value as often as a curve beside it has points."""
     if isinstance(value, np.ndarray):
-        return [None if math.isnan(one) else one for one in value.tolist()]
+        return list(map(_cell, value.tolist()))
     return [_cell(value)] * length
 
 

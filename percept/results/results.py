@@ -197,8 +197,7 @@ class Results:
         for one in dataclasses.fields(self):
             document[one.name] = plain(getattr(self, one.name))
         document["impedances"] = share_curves(document["boundaries"])
-        sentences = list(dict.fromkeys(row.covers for row in self.intervals))
-        document["covers"] = sentences
+        sentences = document["covers"] = list(dict.fromkeys(row.covers for row in self.intervals))
         for row in document["intervals"]:
             row["covers"] = sentences.index(row["covers"])
         for name in TABLES:
@@ -248,7 +247,7 @@ class Results:
             return TypeAdapter(Results).validate_python(document)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            place = "/".join(str(step) for step in first["loc"])
+            place = "/".join(map(str, first["loc"]))
             raise UsageError(f"{first['msg']}.", file=str(path), key=place) from None
         except (ValueError, LookupError, TypeError, AttributeError) as error:
             raise UsageError(f"its tables are damaged: {error}.", file=str(path)) from None
@@ -272,8 +271,8 @@ def read_rows(document: JsonObject) -> None:
     """Turn the tables of a document into rows, each with what it shares with others."""
     for name in TABLES:
         if columns := document[name]:
-            values = zip(*columns.values(), strict=True)
-            document[name] = [dict(zip(columns, row, strict=True)) for row in values]
+            rows = zip(*columns.values(), strict=True)
+            document[name] = [dict(zip(columns, row, strict=True)) for row in rows]
     for row in document["intervals"]:
         row["covers"] = document["covers"][row["covers"]]
     for boundary in document["boundaries"]:

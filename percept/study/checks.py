@@ -62,8 +62,8 @@ def model_checks(fit: Fit) -> Checks | Skipped:
 
 def _intervals_without(fit: Fit, loo: Loo, left: Predictions) -> Iterator[IntervalWithout]:
     """Yield each average user's interval without each subject in turn, by weighted draws."""
-    environments = fit.environments[:MOST_SHOWN]
-    cells = [cell for cell in fit.column if cell[1] in environments]
+    shown = fit.environments[:MOST_SHOWN]
+    cells = [cell for cell in fit.column if cell[1] in shown]
     columns = [fit.column[cell] for cell in cells]
     found = intervals_left_out(left, loo.weights, columns, fit.data.asked.level)
     ends = np.where(loo.trusted[:, None], fit.scale.at(columns).native(found), np.nan)

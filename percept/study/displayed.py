@@ -42,8 +42,8 @@ from percept.study.regions import (
     laws_of,
     of_family,
     rectangles,
-    regions_of,
     subject_pairs,
+    widened,
 )
 from percept.study.rendering import study_rendering, z_width
 from percept.study.verdicts import (
@@ -110,11 +110,18 @@ class Displayed(Inferred):
     @cached_property
     def regions(self) -> tuple[Region, ...]:
         """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
-        return self._regions_of(self.curve_laws)
+        return self._regions_of(self.curve_laws, self._shown)
 
-    def _regions_of(self, laws: Sequence[Law]) -> tuple[Region, ...]:
-        of_intervals = self._drawn(rectangles(self.interval_rows))
-        return tuple(regions_of(of_intervals, laws, self.passed, self.data.asked))
+    def _regions_of(self, laws: Sequence[Law], environments: Collection[str]) -> tuple[Region, ...]:
+        found = [*self._rectangles]
+        if self.passed is not None:
+            found += widened(self.passed, self.data.asked, environments)
+        return (*found, *(law.region for law in laws if law.region))
+
+    @cached_property
+    def _rectangles(self) -> Sequence[Region]:
+        """Rectangles of (k, b) of the intervals."""
+        return self._drawn(rectangles(self.interval_rows))
 
     def _drawn(self, claims: Iterable[Drawn]) -> Sequence[Drawn]:
         """Leave out what is not of the scene's family, unless the scene asks for all curves."""
@@ -137,16 +144,15 @@ class Displayed(Inferred):
 
     def _curves_of(self, environments: Collection[str]) -> Iterator[Boundary | Skipped]:
         if self.setup is not None:
-            is_shown = set(environments) <= set(self._shown)
-            laws = self.curve_laws if is_shown else self._laws_of(environments)
-            regions = self.regions if is_shown else self._regions_of(laws)
+            laws = self._laws_of(environments)
+            regions = self._regions_of(laws, environments)
             tolerance = self.data.asked.tolerance
             drawing = BoundaryDrawing(self.setup, regions, laws, self.scene.frequency, tolerance)
             yield from drawing.drawn(environments)
 
     def envelopes_at(self, omega: Array) -> tuple[Boundary, ...]:
         """Exact envelopes at frequencies (M,), rad/s, of k and b each at its level."""
-        return () if self.setup is None else tuple(envelopes(self.setup, self.regions, omega))
+        return () if self.setup is None else tuple(envelopes(self.setup, self._rectangles, omega))
 
     @property
     def curves(self) -> pd.DataFrame:
@@ -190,7 +196,7 @@ class Displayed(Inferred):
         setup = next(iter(self._setups), None)
         if setup is None or setup.coupling is None:
             return None
-        return study_coupling(setup, self.regions, self.data.asked.family, self.scene.frequency)
+        return study_coupling(setup, self._rectangles, self.data.asked.family, self.scene.frequency)
 
     @cached_property
     def rendering(self) -> tuple[Rendered, ...]:

@@ -23,7 +23,7 @@ from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.study.basics import Array, Stream, claim_of, generator
 from percept.study.boundaries import BoundaryDrawing
 from percept.study.intervals import bayesian_rows
-from percept.study.regions import Law, posterior_laws, rectangles, regions_of
+from percept.study.regions import Law, posterior_laws, rectangles
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def predict(
         k, b = values.tolist()
         environment = haptics.Environment(stiffness=k, damping=b, mass=mass)
         setup = dataclasses.replace(study.setup, references=dict.fromkeys(expected, environment))
-        regions = tuple(regions_of(rectangles(rows), laws, None, data.asked))
+        regions = [*rectangles(rows), *(law.region for law in laws if law.region)]
         tolerance = data.asked.tolerance
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, tolerance)
         for one in drawing.drawn(expected):

@@ -102,19 +102,6 @@ def displayable(values: Array) -> Array:
     return np.copysign(sizes, values)
 
 
-def regions_of(
-    rectangles: Iterable[Region], laws: Sequence[Law], fit: Fit | None, asked: InferenceTable
-) -> Iterator[Region]:
-    """Add Bonferroni's rectangles, and the ellipses of every law, to those of intervals."""
-    yield from rectangles
-    if fit is not None and is_impedance(fit.parameters):
-        yield from _bonferroni(fit, asked)
-    for law in laws:
-        region = law.region
-        if region is not None:
-            yield region
-
-
 def of_family(claims: Iterable[Drawn], family: Family) -> list[Drawn]:
     """Return what is of a family; where an environment has nothing of it, what is of the other."""
     found = list(claims)
@@ -151,8 +138,8 @@ def _halved(probability: float) -> float:
     return 1.0 - 0.5 * (1.0 - probability)
 
 
-def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
-    """Yield posterior rectangles whose sides leave out half as much each."""
+def widened(fit: Fit, asked: InferenceTable, environments: Collection[str]) -> Iterator[Region]:
+    """Yield posterior rectangles by Bonferroni: sides leave out half as much each."""
     from percept.inference.model.limits import Limits
 
     halved = Limits(
@@ -161,12 +148,13 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
         share=_halved(asked.share),
         confidence=_halved(asked.confidence),
     )
-    moments = fit.model.moments(fit.points)
+    wanted = [name for name in fit.environments if name in environments]
+    columns = np.transpose([fit.pair(name) for name in wanted]).ravel().tolist()
+    moments = fit.model.moments(fit.points, fit.model.cell_rows[columns])
     for kind in asked.kinds:
         lower, upper, _ = halved.of(kind, moments)
-        ends = fit.scale.native(np.stack([lower, upper]))
-        for environment in fit.environments:
-            k, b = ends[:, fit.pair(environment)].T
+        ends = fit.scale.at(columns).native(np.stack([lower, upper]))
+        for environment, (k, b) in zip(wanted, ends.reshape(2, 2, -1).T, strict=True):
             yield Region(
                 environment=environment,
                 kind=kind,
@@ -174,7 +162,7 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
                 family=asked.family,
                 level=asked.level,
                 joint="bonferroni",
-                limits=(_side(k[0], k[1]), _side(b[0], b[1])),
+                limits=(_side(*k), _side(*b)),
             )
 
 

@@ -101,11 +101,10 @@ def test_a_locale_of_ascii_loses_no_line():
 def test_fit_writes_the_intervals_it_prints(tmp_path, capsys):
     out = tmp_path / "out"
     code = main(["fit", SESSIONS, "--method", "classical", "--out", str(out), "--json"])
-    printed = capsys.readouterr().out
+    printed = with_rows(capsys.readouterr().out)
     assert code == 0
-    assert printed == (out / "fit.json").read_text(encoding="utf-8")
-    rows = with_rows(printed)["intervals"]
-    row = next(r for r in rows if r["environment"] == "VE4" and r["kind"] == "mean")
+    assert printed == with_rows((out / "fit.json").read_text(encoding="utf-8"))
+    row = next(r for r in printed["intervals"] if r["environment"] == "VE4" and r["kind"] == "mean")
     assert f"{row['lower']:.0f} {row['upper']:.0f}" == "23316 24968"
 
 

@@ -49,7 +49,7 @@ _EVERY = 40
 _LONGEST_WORD = 20
 #: Parts of a document that say what went in, or what numbers say, or lie on grids for drawing.
 _OTHERS = (
-    "schema", "provenance", "summary", "skipped", "boundaries", "impedances",
+    "schema", "provenance", "summary", "skipped", "boundaries", "impedances", "covers",
 )  # fmt: skip
 #: Fields that tell the rows of a table apart.
 _LABELS = (

@@ -17,8 +17,6 @@ from tests.documents import build_document
 #: What a study works out, each only when it is asked for.
 STAGES = {
     "interval_rows",
-    "regions",
-    "curve_laws",
     "boundaries",
     "other_devices",
     "coupling_row",
@@ -26,7 +24,7 @@ STAGES = {
     "coupling_map",
     "band",
 }
-CURVES = {"curve_laws", "boundaries", "verdict_rows", "other_devices", "coupling_map"}
+CURVES = {"boundaries", "verdict_rows", "other_devices", "coupling_map"}
 
 
 @pytest.mark.parametrize(
@@ -34,9 +32,9 @@ CURVES = {"curve_laws", "boundaries", "verdict_rows", "other_devices", "coupling
     [
         pytest.param("nothing", set(), marks=pytest.mark.evidence),
         pytest.param("coupling", {"coupling_row", "coupling_map"}, marks=pytest.mark.evidence),
-        ("device", CURVES | {"coupling_row", "regions"}),
+        ("device", CURVES | {"coupling_row"}),
         # Its own band law stays: the band against its reference.
-        ("one parameter", CURVES | {"regions"}),
+        ("one parameter", CURVES),
         pytest.param("all but one environment", {"band"}, marks=pytest.mark.evidence),
     ],
 )
