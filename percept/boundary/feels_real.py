@@ -46,9 +46,10 @@ _BESIDE = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 #: A distance of a score from the edge, in SDs, below which the accuracy of shares and of the search
 #: decides.
 _TOO_NEAR = 2e-4
-#: Rounds of the search for a peak: its place is known to 2e-3 of the bracket, and the score is flat
-#: there.
-_PEAK_ROUNDS = 3
+#: Rounds of the search for a peak's score: its place is known to 1e-2 of the bracket, and the score
+#: is flat there. And for its place.
+_PEAK_ROUNDS = 2
+_PLACE_ROUNDS = 3
 #: Draws looked at everywhere. Further ones are looked at where one of these is worst, and on either
 #: side: of a thousand draws at most one crosses an edge elsewhere alone.
 _FIRST_LOOK = 64
@@ -274,7 +275,7 @@ def search_scores(
     highest = _reach(scores, np.atleast_2d(omega))
     draw, index = np.nonzero(highest > next_edge[:, None])
     if draw.size:
-        found, _ = _peaks(display, users, omega, (draw, index), integrals)
+        found, _ = _peaks(display, users, omega, (draw, index), integrals, _PEAK_ROUNDS)
         np.maximum.at(largest, draw, found)
     return Scores(scores, integrals, largest)
 
@@ -302,7 +303,7 @@ def _typical_peaks(display: Display, users: Users, omega: Array) -> Array:
     typical = users.typical()
     at_omega, integrals, _ = search_scores(display, typical, omega, np.empty(0))
     draw, index = np.nonzero(np.isfinite(_reach(at_omega, omega[None])))
-    _, found = _peaks(display, typical, omega, (draw, index), integrals)
+    _, found = _peaks(display, typical, omega, (draw, index), integrals, _PLACE_ROUNDS)
     return found
 
 
@@ -332,6 +333,7 @@ def _peaks(
     omega: Array,
     peaks: tuple[Indices, Indices],
     integrals: Indices,
+    rounds: int,
 ) -> tuple[Array, Array]:
     """Return the largest score at each of n peaks, by draw and frequency, and its omega, rad/s."""
     draw, index = peaks
@@ -348,5 +350,5 @@ def _peaks(
 
     low = log_omega[draw, index - 1]
     high = log_omega[draw, index + 1]
-    place = section_minimum(depth, low, high, rounds=_PEAK_ROUNDS)
+    place = section_minimum(depth, low, high, rounds=rounds)
     return -depth(place[None])[0], np.exp(place)

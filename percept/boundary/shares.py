@@ -123,11 +123,11 @@ class Users:
     def central_ranges(self, level: float) -> Boxes:
         """Return the limits between which the central `level` of stiffness and of damping lie."""
         edge = score_of(level)
-        softest = self.native(-edge, STIFFNESS)
-        stiffest = self.native(edge, STIFFNESS)
-        least_damped = self.native(-edge, DAMPING)
-        most_damped = self.native(edge, DAMPING)
-        return Boxes(Range(softest, stiffest), Range(least_damped, most_damped))
+        limits = [
+            Range(self.native(-edge, quantity), self.native(edge, quantity))
+            for quantity in (STIFFNESS, DAMPING)
+        ]
+        return Boxes(*limits)
 
 
 class DiscIntegral(NamedTuple):
@@ -323,12 +323,12 @@ def chosen_integrals(
         radius = radius[few]
     shape = np.broadcast_shapes(users.correlation.shape, radius.shape)
     chosen = np.full(shape[1], len(_INTEGRALS) - 1)
-    unsettled = np.arange(shape[1])
+    unsettled = np.ones(shape[1], dtype=bool)
     reaches_edges = [_reaches_edges(users, plane, radius, inner) for inner in (STIFFNESS, DAMPING)]
     # The last shares of each kind of integral.
     shares = np.full((2, *shape), np.nan)
     for number, integral in enumerate(_INTEGRALS):
-        tried = unsettled[reaches_edges[integral.inner][unsettled] == integral.even]
+        (tried,) = np.nonzero(unsettled & (reaches_edges[integral.inner] == integral.even))
         if not tried.size:
             continue
         finer = share_within(users, plane.select(tried), radius[:, tried], integral)
@@ -337,7 +337,7 @@ def chosen_integrals(
         coarser[:, tried] = finer
         settled = tried[change < _AGREEMENT * _ACCURACY]
         chosen[settled] = number
-        unsettled = np.setdiff1d(unsettled, settled)
+        unsettled[settled] = False
     return chosen
 
 
@@ -350,7 +350,5 @@ def _reaches_edges(
     """Say at which frequencies (M,) no population's disc ends between the edges."""
     outer, _ = _outer_and_inner(users, plane, inner)
     low, high = _ends(outer, radius, log=users.log)
-    below = low == -_EDGE
-    above = high == _EDGE
-    whole = below & above
+    whole = (low == -_EDGE) & (high == _EDGE)
     return np.asarray(whole.all(axis=0))
