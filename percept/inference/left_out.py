@@ -73,10 +73,9 @@ class SubjectDensity:
         self.density = density
         self._means = density.statistics.cell_means
         _, self.parameters, self.environments = self._means.shape
-        self._scatter = trial_scatter(response, subject, environment)
-        self._subject = np.asarray(self._scatter.subject)
-        #: (T, N) Whether a group of trials is of a subject
-        self._of_subject = np.equal.outer(self._subject, np.arange(self.subjects))
+        self._scatter = None
+        if density.statistics.repeats:
+            self._scatter = trial_scatter(response, subject, environment)
 
     @property
     def subjects(self) -> int:
@@ -86,7 +85,7 @@ class SubjectDensity:
     @property
     def degrees(self) -> Array:
         """Numbers a subject contributes: cells times parameters, shape (N,)."""
-        return self._of_subject.sum(axis=0) * float(self.parameters)
+        return np.isfinite(self._means).sum(axis=(1, 2), dtype=float)
 
     def laws(self, points: Array) -> Iterator[SubjectLaws]:
         """Yield the laws at draws (S, d), pass by pass."""
@@ -157,15 +156,16 @@ class SubjectDensity:
 
     def _between_trials(self, groups: Block | None) -> Array | float:
         """Log density of trials about their cell means, (W, N); zero without repeats."""
-        if groups is None:
-            return 0.0
         scatter = self._scatter
+        if groups is None or scatter is None:
+            return 0.0
         of_model = self.density.statistics.group
-        trial = groups[of_model[self._subject, scatter.cell]]  # (T, W)
+        subject = np.asarray(scatter.subject)
+        trial = groups[of_model[subject, scatter.cell]]  # (T, W)
         minus_twice = scatter.minus_twice_log_density(trial)
         constant = scatter.df * _LOG_2PI + np.log(scatter.df + 1.0)
         minus_twice += self.parameters * constant[:, None]
-        return -0.5 * (minus_twice.T @ self._of_subject)
+        return -0.5 * (minus_twice.T @ np.equal.outer(subject, np.arange(self.subjects)))
 
 
 def _squares(columns: Array) -> Array:

@@ -119,11 +119,9 @@ def subject_tables(
     """Name the subjects and cells that lie far from the others."""
     statistics = subjects.density.statistics
     names = statistics.subjects
-    checks = []
-    of_subjects = zip(names, loo.pareto_k.tolist(), predicted.farther.tolist(), strict=True)
-    for name, pareto_k, farther in of_subjects:
-        is_outlier = farther < FALSE_ALARM / len(names)
-        checks.append(SubjectCheck(name, pareto_k, farther, is_outlier))
+    outliers = predicted.farther < FALSE_ALARM / len(names)
+    farther = predicted.farther.tolist()
+    checks = list(map(SubjectCheck, names, loo.pareto_k.tolist(), farther, outliers.tolist()))
     means = statistics.cell_means
     by_cell = means.reshape(len(means), -1)
     value = fit.scale.native(by_cell).reshape(means.shape)

@@ -161,9 +161,10 @@ class Data:
 
     def adjusted(self, environment: str, *parameters: str) -> tuple[_Names, Array]:
         """Subjects of the trials with all of P parameters, (M,), and their values, (M, P)."""
-        columns = [f"{parameter}_adj" for parameter in parameters]
-        complete = self.tables[environment].dropna(subset=columns)
-        return complete["subject"].to_numpy(dtype=object), complete[columns].to_numpy(dtype=float)
+        table = self.tables[environment]
+        values = table[[f"{parameter}_adj" for parameter in parameters]].to_numpy(dtype=float)
+        complete = ~np.isnan(values).any(axis=1)
+        return table["subject"].to_numpy(dtype=object)[complete], values[complete]
 
     @cached_property
     def cells(self) -> dict[Family, list[Cell]]:

@@ -149,8 +149,7 @@ def _groups(fit: Fit) -> dict[str, Named]:
     studies = list(new_studies(subjects, points, rng))
     predicted["response"] = _by_subject(np.concatenate(studies))
     # Data are one draw of themselves.
-    observed = density.statistics.cell_means[None]
-    groups["observed_data"] = {"response": _by_subject(observed)}
+    groups["observed_data"] = {"response": _by_subject(density.statistics.cell_means[None])}
     rng_of_prior = generator(seed, Stream.PRIOR)
     scales, prior_means = draw_prior(density, _PRIOR_DRAWS, rng_of_prior)
     groups["prior"] = scales | {"population_mean": _in_cells(fit, prior_means)}
