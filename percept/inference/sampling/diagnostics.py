@@ -125,13 +125,13 @@ def normal_scores(values: Array) -> Array:
     Tied values, of walkers that stay, share the mean of their ranks. Ranks are shifted by Blom's
     numbers, with which scores are close to the means of a normal's order statistics.
     """
-    rows = values.reshape(-1, values.shape[-1])
-    scores = np.empty_like(rows)
-    for q, column in enumerate(rows.T):
+    columns = values.reshape(-1, values.shape[-1]).T.copy()
+    draws = columns.shape[1]
+    rank = 0.5 * np.arange(2 * draws + 1)
+    score = special.ndtri((rank - 0.375) / (draws + 0.25))
+    for column in columns:
         _, place, count = np.unique(column, return_inverse=True, return_counts=True)
-        # Of each distinct value: the mean rank of all draws that have it.
-        rank = np.cumsum(count) - 0.5 * (count - 1)
-        share = (rank - 0.375) / (len(rows) + 0.25)
-        score = special.ndtri(share)
-        scores[:, q] = score[place]
-    return scores.reshape(values.shape)
+        # Of each distinct value: twice the mean rank of all draws that have it.
+        twice_rank = 2 * np.cumsum(count) - count + 1
+        column[:] = score[twice_rank[place]]
+    return columns.T.reshape(values.shape)

@@ -4,14 +4,15 @@ A run takes as many steps as its walkers need to forget where they were, many ti
 they forget depends on the transport: the fitted map to coordinates in which the target resembles
 the proposals (`transport`). The warm-up fits one to a few thousand draws of short runs. A run has
 better draws after its first round. A long run therefore throws its draws away, fits a new transport
-to them, and starts again with twice as many walkers: a restart.
+to them, and starts again, with twice as many walkers where it lacks accuracy: a restart.
 
 `sample` takes these steps:
 
 1. Warm up: a transport and starting points (`warmup`).
 2. Advance all walkers by a round, then estimate and judge (`Chain`, `gate`).
 3. If the gate passes and every estimate meets the tolerance, or the cap of steps is reached: end.
-4. If the run will take more than `_LONG` times its steps so far: restart, and go to 2.
+4. If the run will take more than `_LONG` times its steps so far, or as many further rounds:
+   restart, and go to 2.
 5. Otherwise set the goal of the next round by the errors so far, and go to 2.
 
 The cap, `Settings.most_steps`, counts from the last restart, and never cuts short the first round.
@@ -52,9 +53,10 @@ from percept.inference.sampling.warmup import starting_points, warm_up
 
 Array = NDArray[np.float64]
 
-#: Times a run may restart. Each time its walkers double.
+#: Times a run may restart.
 _MOST_RESTARTS = 2
-#: A run restarts if it needs more than this multiple of the steps so far, which a restart wastes.
+#: A run restarts if it needs more than this multiple of the steps so far, which a restart wastes,
+#: or more than so many first rounds beside them: about as many as after a restart.
 #: With 5 the published study takes 460,000 density values at one seed of three, and 200,000 with
 #: this; studies with more coordinates take as many.
 _LONG = 3.0
@@ -322,12 +324,14 @@ def sample(
         accurate = run.gate.passed and run.gate.tolerance_met
         if accurate or chain.at_its_end(run):
             return run
-        is_long = chain.steps_needed(run) > _LONG * chain.spanned
-        if restarts == _MOST_RESTARTS or not is_long:
+        needed = chain.steps_needed(run)
+        few = min(_LONG * chain.spanned, chain.spanned + _LONG * _FIRST_ROUND)
+        if restarts == _MOST_RESTARTS or needed <= few:
             chain.go_on(run)
             continue
         restarts += 1
-        if not settings.walkers:
+        # What is long only to settle is accurate enough with as many walkers.
+        if not settings.walkers and needed > run.steps_to_settle:
             walkers *= 2
         rng = np.random.default_rng(seeds[2 * restarts])
         flat = run.points.reshape(-1, run.points.shape[-1])
