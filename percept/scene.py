@@ -91,7 +91,6 @@ class InferenceTable(Table):
     together: tuple[str, ...] | None = None
     tolerance: Probability = 0.01
     seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED, strict=True)] = 1
-    walkers: Annotated[int, Field(ge=64, le=100_000, strict=True)] | None = None
     most_steps: Annotated[int, Field(ge=200, le=10**9, strict=True)] = 20_000
 
     @field_validator("kinds", "parameters", "together")

@@ -31,7 +31,10 @@ from percept.scene import Scene
             "[device]\nmass = 1\ndamping = 2\nperiod = 0.0\n",
             "device.period = 0.0: must be above 0.",
         ),
-        ("[inference]\nwalkers = 64.5\n", "inference.walkers = 64.5: must be a whole number."),
+        (
+            "[inference]\nmost_steps = 200.5\n",
+            "inference.most_steps = 200.5: must be a whole number.",
+        ),
         (
             "[device]\nmass = 1\ndamping = 2\nperiod = 1e-3\nmodes = [{ weight = 1 }]\n",
             "device.modes.0.weight = 1: there is no such key; there are mass, stiffness, damping.",

@@ -202,7 +202,6 @@ def fitted(
     settings = Settings(
         tolerance=asked.tolerance,
         seed=asked.seed,
-        walkers=asked.walkers,
         most_steps=asked.most_steps,
     )
     larger = f"[inference] tolerance above {asked.tolerance:g}"

@@ -74,7 +74,6 @@ def test_equal_questions_have_equal_keys_in_any_process(tmp_path):
         {"inference": {"kinds": ["mean"]}},
         {"inference": {"family": "normal"}},
         {"inference": {"parameters": ["k"]}},
-        {"inference": {"walkers": 80}},
         {"inference": {"most_steps": 400}},
         *({"priors": {name: 0.4}} for name in MEANINGS),
         {"weber": True},

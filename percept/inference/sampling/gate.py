@@ -93,8 +93,6 @@ class Settings:
 
     tolerance: float = 0.01  # Monte Carlo error of each limit over the interval's half-width
     seed: int = 1  # Seed of the whole run
-    #: Walkers per ensemble, at least 64: see `_TIMES_NEEDED`. Not given, they double at a restart.
-    walkers: int | None = None
     #: Steps per ensemble since the last restart, after which the run ends, whatever its error. It
     #: always takes its burn-in and one round, and it completes its last stride.
     most_steps: int = 20_000

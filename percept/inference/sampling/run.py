@@ -296,7 +296,7 @@ def sample(
     estimands : Estimands
         Quantities to report, whose errors decide how long the run is.
     settings : Settings
-        Tolerance, seed, and how many ensembles, walkers and steps.
+        Tolerance, seed and cap of steps.
     progress : callable, optional
         Told the state of the run after every round.
 
@@ -314,7 +314,7 @@ def sample(
     task = Task(estimands, settings, progress)
     # Two seeds to begin with, and two for each restart.
     seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_RESTARTS)
-    walkers = settings.walkers or _WALKERS
+    walkers = _WALKERS
     transported, points = warm_up(target, (_ENSEMBLES, walkers), seeds[0])
     chain = Chain(task, transported, points, seeds[1], _STRIDE)
     restarts = 0
@@ -331,7 +331,7 @@ def sample(
             continue
         restarts += 1
         # What is long only to settle is accurate enough with as many walkers.
-        if not settings.walkers and needed > run.steps_to_settle:
+        if needed > run.steps_to_settle:
             walkers *= 2
         rng = np.random.default_rng(seeds[2 * restarts])
         flat = run.points.reshape(-1, run.points.shape[-1])
