@@ -170,7 +170,7 @@ class SubjectDensity:
 
 def _squares(columns: Array) -> Array:
     """Sum squares over the second axis."""
-    return np.square(columns).sum(axis=1)
+    return np.einsum("wrc,wrc->wc", columns, columns)
 
 
 def _factor(matrices: Array) -> Array:
