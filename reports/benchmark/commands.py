@@ -22,10 +22,12 @@ from reports.page import Page, say
 _LIBRARIES = "numpy, scipy.stats, pandas, emcee, xarray, h5netcdf, matplotlib.pyplot"
 _IMPORTS = ("-c", f"import {_LIBRARIES}")
 _PERCEPT = ("-m", "percept")
+#: Nothing draws, and matplotlib is not imported.
 _WITHOUT_FIGURES = """
 import sys
-import percept.report.figures
-percept.report.figures.drawings = lambda *_: []
+from types import SimpleNamespace
+sys.modules["percept.report.figures"] = SimpleNamespace(drawings=lambda *_: [])
+sys.modules["percept.report.figures.canvas"] = SimpleNamespace(draw_all=lambda *_, **__: {})
 from percept.cli import main
 sys.exit(main(sys.argv[1:]))
 """
