@@ -119,8 +119,11 @@ def drawn_said(results: Results) -> str:
     every = len(distinct(results.intervals, "environment"))
     if shown == every:
         return ""
-    environments = results.data.words.environments
-    return f"Figures, curves and couplings are of the first {shown} of {every} {environments}."
+    words = results.data.words
+    return (
+        f"Figures, curves, couplings and results without each {words.subject} are of the first"
+        f" {shown} of {every} {words.environments}."
+    )
 
 
 def bias_sentences(results: Results) -> list[str]:

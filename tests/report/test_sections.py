@@ -139,7 +139,10 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     ]
     results = as_results(document)
     by_name = {drawing.name: drawing for drawing in drawings(results)}
-    said = "Figures, curves and couplings are of the first 10 of 60 environments."
+    said = (
+        "Figures, curves, couplings and results without each subject are of the first 10 of 60"
+        " environments."
+    )
     figure = Figure(figsize=(7.0, 7.0), layout="constrained")
     by_name["overview"].draw(figure)
     assert len(figure.axes[0].get_yticklabels()) == 10
