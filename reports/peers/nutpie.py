@@ -214,10 +214,12 @@ def sampler(study: Observed) -> Callable[[float, int], Fitted]:
     callable
         Takes the draws of each chain and a seed.
     """
+    # First: it imports what nutpie's own imports want.
+    model = plain_model(study)
     import nutpie
 
     names = ["beta", "spread"]
-    compiled = nutpie.compile_pymc_model(plain_model(study), var_names=names)
+    compiled = nutpie.compile_pymc_model(model, var_names=names)
 
     def fit(draws: float, seed: int) -> Fitted:
         started = time.perf_counter()
