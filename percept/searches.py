@@ -121,8 +121,6 @@ def rising_root(
     start: Array,
     low: Array,
     high: Array,
-    *,
-    last_step: float = _LAST_STEP,
 ) -> Array:
     """Return where each of n functions rises through zero, by Newton's method kept inside brackets.
 
@@ -133,8 +131,6 @@ def rising_root(
         slopes.
     start, low, high : ndarray, shape (n,)
         First x, and the bracket it is kept in.
-    last_step : float, optional
-        A root ends with a step of at most this fraction of it.
 
     Returns
     -------
@@ -157,7 +153,7 @@ def rising_root(
         after = np.where(inside, newton, (bottom + top) / 2)
         after = np.where(value == 0, before, after)
         x[open_roots] = after
-        moved = np.abs(after - before) > last_step * np.abs(after)
+        moved = np.abs(after - before) > _LAST_STEP * np.abs(after)
         open_roots = open_roots[moved]
         if not open_roots.size:
             break

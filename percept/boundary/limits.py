@@ -51,8 +51,8 @@ _MANY_POINTS = 16_384
 _RUNS = 8
 # Score at which the order of integrals is chosen, that of the usual 99 % limits.
 _USUAL_SCORE = 2.6
-# Last step of a search for a limit, as a fraction of its logarithm: the error is about its square.
-_LAST_STEP = 3e-6
+# SDs of a normal below which a limit's score counts as met: far less than a Monte Carlo error.
+_SCORE_ACCURACY = 1e-6
 # SDs of a normal to either side, over which slopes are taken from points.
 _NEAR = 0.2
 # Smallest probability beyond a limit: the grid of a law leaves out a fifth of this.
@@ -229,11 +229,13 @@ class Magnitude:
             content = self.balls.content(self._frequency[which], radius, self._inner[which])
             most = 1.0 - _LEAST_PROBABILITY
             scores = special.ndtri(np.clip(content.probability, _LEAST_PROBABILITY, most))
-            return scores - target[which], content.slope / _density(scores)
+            missing = scores - target[which]
+            missing[np.abs(missing) < _SCORE_ACCURACY] = 0.0
+            return missing, content.slope / _density(scores)
 
         low, high = (np.tile(end, 2) for end in self.balls.log_range())
         start = np.clip(self._at_point.limits(score).ravel(), low, high)
-        return rising_root(misfit, start, low, high, last_step=_LAST_STEP).reshape(2, -1)
+        return rising_root(misfit, start, low, high).reshape(2, -1)
 
     @functools.cached_property
     def _frequency(self) -> Indices:
