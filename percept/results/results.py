@@ -250,7 +250,11 @@ class Results:
             place = "/".join(map(str, first["loc"]))
             raise UsageError(f"{first['msg']}.", file=str(path), key=place) from None
         except (ValueError, LookupError, TypeError, AttributeError) as error:
-            raise UsageError(f"its tables are damaged: {error}.", file=str(path)) from None
+            raise UsageError(
+                "its tables are damaged.",
+                file=str(path),
+                hint="Make the report again from its data.",
+            ) from error
 
 
 def parts() -> dict[str, Part]:

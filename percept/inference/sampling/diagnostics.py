@@ -127,11 +127,12 @@ def normal_scores(values: Array) -> Array:
     """
     columns = values.reshape(-1, values.shape[-1]).T.copy()
     draws = columns.shape[1]
+    # Mean ranks are multiples of a half.
     rank = 0.5 * np.arange(2 * draws + 1)
-    score = special.ndtri((rank - 0.375) / (draws + 0.25))
+    score_of_twice = special.ndtri((rank - 0.375) / (draws + 0.25))
     for column in columns:
         _, place, count = np.unique(column, return_inverse=True, return_counts=True)
         # Of each distinct value: twice the mean rank of all draws that have it.
         twice_rank = 2 * np.cumsum(count) - count + 1
-        column[:] = score[twice_rank[place]]
+        column[:] = score_of_twice[twice_rank[place]]
     return columns.T.reshape(values.shape)

@@ -325,12 +325,12 @@ def sample(
         if accurate or chain.at_its_end(run):
             return run
         needed = chain.steps_needed(run)
-        few = min(_LONG * chain.spanned, chain.spanned + _LONG * _FIRST_ROUND)
-        if restarts == _MOST_RESTARTS or needed <= few:
+        longest = min(_LONG * chain.spanned, chain.spanned + _LONG * _FIRST_ROUND)
+        if restarts == _MOST_RESTARTS or needed <= longest:
             chain.go_on(run)
             continue
         restarts += 1
-        # What is long only to settle is accurate enough with as many walkers.
+        # A run that is long only to settle is accurate enough with as many walkers.
         if needed > run.steps_to_settle:
             walkers *= 2
         rng = np.random.default_rng(seeds[2 * restarts])
