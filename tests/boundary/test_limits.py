@@ -4,6 +4,7 @@ curves."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ def drawn_from(mean: np.ndarray, covariance: np.ndarray, seed: int) -> np.ndarra
     return (mean[at] + np.einsum("sij,sj->si", root[at], rng.standard_normal((DRAWS, 2)))).T
 
 
+@cache
 def laws() -> list[tuple[PairLaw, np.ndarray]]:
     mean, covariance = mixture()
     batch = np.arange(400) % 16

@@ -1,7 +1,4 @@
-import subprocess
-import sys
 from importlib import metadata
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,19 +46,14 @@ def question(path, **model):
     return asked[0]
 
 
-def test_equal_questions_have_equal_keys_in_any_process(tmp_path):
-    path = sessions_file(tmp_path)
-    key = question(path)
-    assert key == question(path)
-    script = (
-        "import sys; sys.path.insert(0, sys.argv[2])\n"
-        "from test_key import question\nprint(question(sys.argv[1]))"
-    )
-    here = str(Path(__file__).parent)
-    found = subprocess.run(
-        [sys.executable, "-c", script, str(path), here], capture_output=True, text=True, check=True
-    )
-    assert found.stdout.strip() == key
+@pytest.fixture(scope="module")
+def key(tmp_path_factory):
+    return question(sessions_file(tmp_path_factory.mktemp("key")))
+
+
+def test_equal_questions_have_equal_keys(tmp_path, key):
+    """In any process: in test_command one finds what another has kept."""
+    assert question(sessions_file(tmp_path)) == key
 
 
 @pytest.mark.parametrize(
@@ -83,24 +75,21 @@ def test_equal_questions_have_equal_keys_in_any_process(tmp_path):
     ],
     ids=str,
 )
-def test_every_setting_that_moves_a_number_moves_the_key(tmp_path, changed):
+def test_every_setting_that_moves_a_number_moves_the_key(tmp_path, key, changed):
+    assert question(sessions_file(tmp_path), **changed) != key
+
+
+def test_the_last_bit_of_one_adjustment_moves_the_key(tmp_path, key):
+    assert question(sessions_file(tmp_path, change=1e-9)) != key
+
+
+def test_what_moves_no_number_leaves_the_key(tmp_path, key):
     path = sessions_file(tmp_path)
-    assert question(path, **changed) != question(path)
-
-
-def test_the_last_bit_of_one_adjustment_moves_the_key(tmp_path):
-    first = question(sessions_file(tmp_path))
-    assert question(sessions_file(tmp_path, change=1e-9)) != first
-
-
-def test_what_moves_no_number_leaves_the_key(tmp_path):
-    path = sessions_file(tmp_path)
-    first = question(path)
     text = path.read_text()
     path.write_text(text.replace(",", ";"))
-    assert question(path) == first
+    assert question(path) == key
     # A step that no cell has a use for.
-    assert question(path, resolution={"k": 1.0}) == first
+    assert question(path, resolution={"k": 1.0}) == key
 
 
 @pytest.mark.parametrize(

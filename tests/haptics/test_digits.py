@@ -10,7 +10,7 @@ from reports.benchmark import twins as twin
 from reports.benchmark.digits_haptics import PROMISE, QUANTITIES, Inputs, error_of, haptics_digits
 from tests import LONG
 
-CASES = 1000 if LONG else 60
+CASES = 1000 if LONG else 30
 # Tests over more cases in `make evidence`.
 REDUCED = pytest.mark.evidence(reduced=True)
 

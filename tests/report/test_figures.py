@@ -46,7 +46,7 @@ def test_there_is_a_figure_of_everything_with_data(found):
 
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])
 def test_the_same_drawing_gives_the_same_bytes(found, form):
-    once, again = (file(found["ratios"], form) for _ in range(2))
+    once, again = (file(found["band"], form) for _ in range(2))
     assert once == again
     assert once.startswith({"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}[form])
 

@@ -1,5 +1,7 @@
 """Ratios of SDs between trials: against SciPy's tests of log SDs, and what lacks them."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy import integrate, stats
@@ -30,13 +32,15 @@ def precision_of(made):
     return made.contrasts.query("of == 'precision'")
 
 
+@cache
+def bias(df):
+    """Of a log SD, from the law of χ by quadrature."""
+    law = stats.chi(df, scale=df**-0.5)
+    return integrate.quad(lambda x: np.log(x) * law.pdf(x), 0.0, np.inf)[0]
+
+
 def log_sds(table):
-    """Each subject's log SD in every cell without its bias, from the law of χ by quadrature."""
-
-    def bias(df):
-        law = stats.chi(df, scale=df**-0.5)
-        return integrate.quad(lambda x: np.log(x) * law.pdf(x), 0.0, np.inf)[0]
-
+    """Each subject's log SD in every cell without its bias."""
     values = np.log(table["k_adj"] / table["k_ref"])
     cells = values.groupby([table["subject"], table["hand"], table["environment"]])
     unbiased = np.log(cells.std()) - cells.count().map(lambda count: bias(count - 1))

@@ -1,5 +1,4 @@
-"""Full disks, folders that may not be written, and two runs at once: real commands, real file
-systems."""
+"""Full disks, folders that may not be written, and two runs at once, on real file systems."""
 
 import contextlib
 import json
@@ -16,29 +15,35 @@ from percept.cli import main
 from percept.files import exclusive, filled_folder
 from tests import DATASETS
 
+resource = pytest.importorskip("resource", reason="limits, locks and mounts are POSIX")
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="limits, locks and mounts are POSIX"
 )
 STUDY = str(DATASETS / "hbfd_sessions.csv")
 _SIZE = 1 << 20
 ONE = ("a.txt",)
-# The command under a limit on the size of files, which fails as a full disk does: in the middle of
-# a write.
+# A command under a limit on the size of files.
 LIMITED = """
-import resource, sys
-size = int(sys.argv.pop(1))
-resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-sys.dont_write_bytecode = True  # Python would cut compiled modules short too, and read them later
+import sys
 from percept.cli import main
-sys.exit(main(sys.argv[1:]))
+from tests.survival.test_folders import files_no_larger_than
+with files_no_larger_than(500_000):
+    sys.exit(main(sys.argv[1:]))
 """
 
 
-def percept(*arguments, limit=None):
-    start = ["-m", "percept"] if limit is None else ["-c", LIMITED, str(limit)]
-    return subprocess.run(
-        [sys.executable, *start, *map(str, arguments)], capture_output=True, text=True, check=False
-    )
+@contextlib.contextmanager
+def files_no_larger_than(size):
+    """A limit on the size of files, which fails as a full disk does: in the middle of a write."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # Python would cut compiled modules short too, and read them later.
+    sys.dont_write_bytecode, writes = True, sys.dont_write_bytecode
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        sys.dont_write_bytecode = writes
 
 
 @contextlib.contextmanager
@@ -60,55 +65,53 @@ def small_disk(folder, size):
 
 def test_a_posterior_that_does_not_fit_is_an_error_and_ends_no_process(tmp_path):
     """HDF5 itself ends the process when it closes a file on a full disk."""
-    rough = ("--method", "bayesian", "--tolerance", "0.3")
-    small = Path(__file__).parents[1] / "golden" / "data" / "one_environment.csv"
-    ran = percept("fit", small, *rough, "--out", tmp_path / "out", limit=500_000)
+    root = Path(__file__).parents[2]
+    words = ["fit", "tests/golden/data/one_environment.csv", "--out", str(tmp_path / "out")]
+    ran = subprocess.run(
+        [sys.executable, "-c", LIMITED, *words, "--method", "bayesian", "--tolerance", "0.3"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert ran.returncode == 2
     assert "cannot be written: File too large" in ran.stderr
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("command", ["fit", pytest.param("report", marks=pytest.mark.evidence)])
-def test_a_write_that_stops_half_way_is_said_and_leaves_nothing(tmp_path, command):
-    ran = percept(command, STUDY, "--method", "classical", "--out", tmp_path / "out", limit=4000)
-    assert ran.returncode == 2
-    assert "cannot be written: File too large" in ran.stderr
+def test_a_write_that_stops_half_way_is_said_and_leaves_nothing(tmp_path, capsys, command):
+    with files_no_larger_than(4000):
+        code = main([command, STUDY, "--method", "classical", "--out", str(tmp_path / "out")])
+    assert code == 2
+    assert "cannot be written: File too large" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_batch_that_finds_no_room_keeps_what_it_had_and_goes_on_later(tmp_path, capsys):
-    pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
-    arguments = [
-        "batch",
-        STUDY,
-        "--method",
-        "classical",
-        "--workers",
-        "1",
-        "--out",
-        tmp_path / "out",
-    ]
-    failed = percept(*arguments, limit=4000)
-    assert failed.returncode == 2
-    assert "written: File too large" in failed.stderr
-    assert "run the same command again" in failed.stderr
+    arguments = ["batch", STUDY, "--method", "classical", "--workers", "1"]
+    arguments += ["--out", str(tmp_path / "out")]
+    with files_no_larger_than(4000):
+        assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert "written: File too large" in said
+    assert "run the same command again" in said
     left = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert left <= {".percept", "finished.jsonl"}
-    assert main([*map(str, arguments), "--json"]) == 0
+    assert main([*arguments, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"] == {"done": 1}
 
 
 @pytest.mark.parametrize("command", ["fit", "batch"])
-def test_a_folder_that_may_not_be_written_is_said(tmp_path, command):
-    if command == "batch":
-        pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
+def test_a_folder_that_may_not_be_written_is_said(tmp_path, capsys, command):
     with small_disk(tmp_path / "disk", _SIZE) as disk:
         (disk / "out").mkdir()
         subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
-        ran = percept(command, STUDY, "--method", "classical", "--out", disk / "out")
-    assert ran.returncode == 2
-    assert "written: Read-only file system" in ran.stderr
-    assert str(disk) in ran.stderr
+        code = main([command, STUDY, "--method", "classical", "--out", str(disk / "out")])
+    assert code == 2
+    said = capsys.readouterr().err
+    assert "written: Read-only file system" in said
+    assert str(disk) in said
 
 
 def test_a_run_that_is_told_to_end_leaves_nothing(tmp_path):

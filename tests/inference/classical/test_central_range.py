@@ -31,8 +31,10 @@ def by_quadrature(value, mean, sd, n, level):
 
 
 @pytest.mark.evidence(reduced=True)
-@pytest.mark.parametrize("n", [2, 3, 10, 100, 1000] if LONG else [2, 10, 1000])
-@pytest.mark.parametrize("value", [-4.0, 0.5, 1.0, 2.5758, 9.0, 500.0])
+@pytest.mark.parametrize("n", [2, 3, 10, 100, 1000] if LONG else [2, 1000])
+@pytest.mark.parametrize(
+    "value", [-4.0, 0.5, 1.0, 2.5758, 9.0, 500.0] if LONG else [-4.0, 0.5, 2.5758, 500.0]
+)
 @pytest.mark.parametrize("level", [0.5, 0.99])
 def test_against_quadrature(n, value, level):
     found = central_range_confidence(value, Moments(mean=0.5, sd=0.8, n=n), central=level)
