@@ -300,12 +300,17 @@ def in_shell(line):
     return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
-def test_streams_that_the_caller_closed_cost_nothing_but_what_they_would_show(tmp_path, closed):
-    line = f"percept fit '{SESSIONS}' --method classical --out '{tmp_path}/fit' {closed}"
-    ran = in_shell(line)
+@pytest.mark.parametrize(
+    ("closed", "command"), [("2>&-", "new"), ("<&- >&- 2>&-", f"fit '{SESSIONS}' --out")]
+)
+def test_streams_that_the_caller_closed_cost_nothing_but_what_they_would_show(
+    tmp_path, closed, command
+):
+    method = "--method classical" if command != "new" else ""
+    ran = in_shell(f"percept {command} '{tmp_path}/made.toml' {method} {closed}")
     assert (ran.returncode, ran.stderr) == (0, "")
-    assert ran.stdout.count("fit.json") == (closed == "2>&-")
+    assert (tmp_path / "made.toml").exists()
+    assert ran.stdout.count("made.toml") == (closed == "2>&-")
     refused = in_shell(f"percept nothing {closed}")
     assert (refused.returncode, refused.stdout) == (2, "")
 
@@ -380,7 +385,7 @@ def test_a_report_says_that_the_bayesian_numbers_are_withheld(tmp_path, capsys):
     scene.write_text("[inference]\ntolerance = 0.01\nmost_steps = 200\n")
     sessions = tmp_path / "unmixed.csv"
     unmixed_sessions().to_csv(sessions, index=False)
-    words = ["--scene", str(scene), "--out", str(tmp_path / "out"), "--no-cache", "--quiet"]
+    words = ["--scene", str(scene), "--out", str(tmp_path / "out"), "--quiet"]
     assert main(["report", str(sessions), *words]) == 1
     captured = capsys.readouterr()
     assert captured.out.strip() == str(tmp_path / "out" / "report.html")
@@ -401,7 +406,7 @@ def test_an_error_above_the_tolerance_is_a_warning_and_no_failure(tmp_path, caps
     sessions = tmp_path / "one.csv"
     table = pd.read_csv(SESSIONS, dtype={"subject": str}).drop(columns="source")
     table[table["environment"] == "VE2"].to_csv(sessions, index=False)
-    words = [str(sessions), "--scene", str(scene), "--no-cache", "--quiet"]
+    words = [str(sessions), "--scene", str(scene), "--quiet"]
     assert main(["fit", *words, "--out", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().err
     assert told.startswith("percept: The Monte Carlo error reached is ")

@@ -73,16 +73,14 @@ class Golden:
     def report(self, *, seed: int = SEED, **inference: Any) -> Document:
         """Return what `percept report` writes into report.json, checks included."""
         study = self.study(seed=seed, tolerance=TOLERANCE, **inference)
-        scene = study.scene.with_tables(checks={})
-        checked = percept.Study(study.sessions, scene, store=SHARED)
-        document: Document = build_document(checked)
+        document: Document = build_document(study)
         return document
 
-    def study(self, **inference: Any) -> percept.Study:
+    def study(self, *, curves: str = "family", **inference: Any) -> percept.Study:
         """Open the study, with other settings of the scene's [inference]."""
         scene = percept.Scene.load(self.scene).with_inference(**inference)
         shown = scene.report.model_dump(exclude_none=True)
-        scene = scene.with_tables(report={**shown, "curves": "all"})
+        scene = scene.with_tables(report={**shown, "curves": curves}, checks={})
         sessions = percept.read_sessions(self.sessions, scene=scene)
         return percept.Study(sessions, scene, store=SHARED)
 
@@ -105,7 +103,7 @@ STUDIES = (
 
 def frozen_part(golden: Golden, classical: Document, document: Document) -> dict[str, Any]:
     """Take what is frozen: of the classical report all, of the scene's own what has an error."""
-    study = golden.study(method="classical")
+    study = golden.study(method="classical", curves="all")
     return {
         "exact": flat(classical),
         "curves": _curves(study),

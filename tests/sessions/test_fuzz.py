@@ -11,7 +11,7 @@ from tests import LONG
 from tests.sessions.dialects import WRITERS, example
 from tests.sessions.fuzz import check, fuzz
 
-FILES = 10_000 if LONG else 120
+FILES = 10_000 if LONG else 80
 
 
 @pytest.mark.evidence(reduced=True)

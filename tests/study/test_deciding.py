@@ -13,7 +13,7 @@ CENTRAL, DECISION = 0.99, 0.95
 EDGE = float(special.ndtri(0.5 * (1.0 + CENTRAL)))
 
 
-def share_decided(score, n, *, studies=20_000):
+def share_decided(score, n, *, studies=5_000):
     """Share of studies of n normal users that decide on a value `score` SDs from their mean."""
     rng = np.random.default_rng(4)
     mean = rng.standard_normal(studies) / np.sqrt(n)

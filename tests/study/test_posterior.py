@@ -15,7 +15,7 @@ from percept.study.posterior import variables_of_posterior
 from tests.study.within import frame, study
 
 DOCS = Path(__file__).parents[2] / "docs"
-BAYESIAN = {"method": "bayesian", "tolerance": 0.1}
+BAYESIAN = {"method": "bayesian", "tolerance": 0.3}
 
 
 @pytest.fixture(scope="module")
@@ -91,27 +91,27 @@ def test_subject_effects_lie_where_the_data_are(opened):
         assert np.abs(effect[:, p]).max() < 3.0 * sigma[p]
 
 
-def test_a_study_with_a_factor_has_its_terms():
-    tree = study(frame(subjects=4), inference=BAYESIAN).posterior
+def test_a_study_with_a_factor_has_its_terms(tmp_path):
+    """A DataTree reads a path at a slash: in a factor's name it is another sign, and the meaning
+    keeps the name."""
+    table = frame(subjects=4).rename(columns={"hand": "left/right"})
+    made = study(table, study={"factor": "left/right"}, inference=BAYESIAN)
+    tree = made.posterior
     of_draws = {"posterior", "posterior_predictive", "prior", "sample_stats"}
     assert set(tree.children) == of_draws | {"log_likelihood", "observed_data"}
     found = tree["posterior"].data_vars
-    assert {"psi:hand", "eta:hand", "sigma_v:hand"} <= set(found)
+    of_factor = "psi:left\N{DIVISION SLASH}right"
+    assert {of_factor, of_factor.replace("psi", "eta"), of_factor.replace("psi", "sigma_v")} <= set(
+        found
+    )
     effect = found["subject_effect"].mean(("chain", "draw"))
     raw = tree["observed_data/response"].mean("environment").to_numpy()
     for p, own in enumerate(raw.T):
         assert np.corrcoef(effect[:, p], own)[0, 1] > 0.9
-    assert found["psi:hand"].attrs["long_name"] == "differences of levels in log sigma, hand"
-
-
-def test_a_slash_in_a_factors_name_is_no_path(tmp_path):
-    """A DataTree reads a path at a slash; the meaning keeps the name."""
-    table = frame(subjects=4).rename(columns={"hand": "left/right"})
-    made = study(table, study={"factor": "left/right"}, inference=BAYESIAN | {"tolerance": 0.3})
     path = tmp_path / "posterior.nc"
     path.write_bytes(made.posterior_file())
-    with xarray.open_datatree(path, engine="h5netcdf") as tree:
-        variable = tree["posterior"].data_vars["psi:left\N{DIVISION SLASH}right"]
+    with xarray.open_datatree(path, engine="h5netcdf") as read:
+        variable = read["posterior"].data_vars[of_factor]
         assert variable.attrs["long_name"] == "differences of levels in log sigma, left/right"
 
 
