@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import types
@@ -79,7 +80,9 @@ def found(rows: pd.DataFrame, **wanted: str) -> Any:
 def rows() -> pd.DataFrame:
     values = fixed_values(spread=1.5, environments=2)
     studies = 200 if LONG else 16
-    return coverage(planned(REFERENCES[:2], values=values), studies)
+    plan = planned(REFERENCES[:2], values=values)
+    scene = plan.scene.model_copy(update={"device": None})
+    return coverage(dataclasses.replace(plan, scene=scene), studies)
 
 
 @pytest.mark.evidence(reduced=True)

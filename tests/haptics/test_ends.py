@@ -31,6 +31,7 @@ from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.perceived import perceived_magnitude
 from reports.benchmark import twins as twin
+from tests import LONG
 
 NYQUIST = np.pi / 1e-3
 LOOP = Loop(Device(0.0, 0.0), 1e-3)
@@ -181,7 +182,8 @@ def test_wrong_arguments_are_refused(call, message):
 parameter = st.one_of(st.just(0.0), st.floats(1e-15, 1e15))
 
 
-@settings(max_examples=150, deadline=None)
+@pytest.mark.evidence(reduced=True)
+@settings(max_examples=150 if LONG else 60, deadline=None)
 @given(
     log_period=st.floats(-6, 0),
     place=st.one_of(

@@ -12,7 +12,7 @@ from tests.study.within import reasons
 
 
 def judged(table, jnd, *, method="classical", family="normal", **tables):
-    inference = {"method": method, "family": family, "tolerance": 0.1}
+    inference = {"method": method, "family": family, "tolerance": 0.3}
     return Study(table, Scene(study={"jnd": {"k": jnd}}, inference=inference, **tables))
 
 
