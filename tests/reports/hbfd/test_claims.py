@@ -4,6 +4,7 @@ What every claim says is held by its committed page.
 """
 
 import math
+import re
 from dataclasses import replace
 
 import mpmath
@@ -14,6 +15,7 @@ from scipy import optimize, stats
 from reports.hbfd import claims_figures as figures
 from reports.hbfd import devices
 from reports.hbfd.judging import judge, sentences, verdict_of
+from tests import DATASETS
 
 HOLDS, ONLY_IF, NOT, OPEN = "holds", "holds only if", "does not hold", "cannot be judged"
 T = 1e-3
@@ -42,6 +44,18 @@ def test_a_condition_stands_where_it_is_needed_and_only_there(name, claims):
     assert all(math.isfinite(value) for value in numbers_of(claim).values())
     assert claim.place
     assert claim.quote
+
+
+def test_the_committed_page_has_every_claim_with_its_numbers(claims):
+    page = (DATASETS.parent / "reports" / "hbfd" / "hbfd.md").read_text(encoding="utf-8")
+    for number, claim in enumerate(claims.values(), start=1):
+        told = page.partition(f"### {number}. “{claim.quote}”\n\n")[2].partition("\n##")[0]
+        assert told.startswith(f"{claim.place}. **{claim.verdict}**")
+        assert claim.condition in told
+        assert claim.finding in told
+        numbers = [*([claim.margin] if claim.margin else []), *claim.numbers]
+        cells = re.findall(r"^\| (.+) \| (.+) \|$", told.replace(r"\|", "|"), re.MULTILINE)
+        assert cells[1:] == [(one.name, one.text) for one in numbers]
 
 
 # The paper's equations once more, in z, with nothing of percept.
