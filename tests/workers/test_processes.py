@@ -25,29 +25,27 @@ def two():
 
 
 def test_results_are_those_of_one_process_and_errors_are_their_arguments_own(two):
-    arguments = [1, 3, 0, 7, 11]
-    found = dict(two(inverse, arguments))
-    wanted = dict(in_process(inverse, arguments))
+    """No more arguments than there are processes are taken ahead."""
+    taken, most = 0, 0
+
+    def numbers():
+        nonlocal taken
+        for number in range(29):
+            taken += 1
+            yield number
+
+    found = {}
+    for number, result in two(inverse, numbers()):
+        most = max(most, taken - len(found))
+        found[number] = result
+    assert taken == 29
+    assert most == 2
+    wanted = dict(in_process(inverse, range(29)))
     error = found.pop(0)
     assert isinstance(error, ZeroDivisionError)
     assert "in inverse" in str(error.__cause__)
     assert isinstance(wanted.pop(0), ZeroDivisionError)
     assert found == wanted
-
-
-def test_no_more_arguments_than_processes_are_taken_ahead(two):
-    taken, most = 0, 0
-
-    def numbers():
-        nonlocal taken
-        for number in range(1, 30):
-            taken += 1
-            yield number
-
-    for back, _ in enumerate(two(inverse, numbers())):
-        most = max(most, taken - back)
-    assert taken == 29
-    assert most == 2
 
 
 def dies(path):
