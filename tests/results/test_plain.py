@@ -60,7 +60,7 @@ def test_every_double_survives_the_text(values):
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.text(),
         lambda part: st.lists(part) | st.dictionaries(st.text(), part),
-        max_leaves=8,
+        max_leaves=20,
     )
 )
 def test_text_reads_back_whatever_the_nesting(value):

@@ -55,7 +55,7 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
         display = one.display("VE2", coupled=coupled)
         user = users.select(slice(index, index + 1))
         omega = frequencies(one, "VE2", spread, scene)
-        dense = np.union1d(omega, omega[[0]] * (omega[-1] / omega[0]) ** np.linspace(0, 1, 25))
+        dense = np.union1d(omega, omega[[0]] * (omega[-1] / omega[0]) ** np.linspace(0, 1, 100))
         score = search_scores(display, user, dense, np.array([score_of(CENTRAL)])).largest[0]
         plane = plane_scores(display, user, dense[0], dense[-1])[0]
         inside.append(max(score, plane) <= score_of(CENTRAL))
