@@ -139,7 +139,7 @@ def test_wrong_usage_starts_nothing(studies, tmp_path, capsys, arguments, messag
 
 def test_a_withheld_posterior_is_no_success(tmp_path, capsys):
     path = tmp_path / "s.csv"
-    unmixed_sessions().to_csv(path, index=False)
+    unmixed_sessions("VE2").to_csv(path, index=False)
     (tmp_path / "hasty.toml").write_text("[inference]\ntolerance = 0.01\nmost_steps = 200\n")
     words = [
         "batch",
