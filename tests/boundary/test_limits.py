@@ -23,7 +23,7 @@ from tests.boundary.test_law import B, K, mixture
 DEVICE, PERIOD = Device(1.0, 5.0), 1e-3
 OMEGA = np.geomspace(0.1, 300.0, 61)
 SCORE = score_of(0.99)
-DRAWS = 400_000 if LONG else 100_000
+DRAWS = 400_000 if LONG else 40_000
 
 
 def drawn_from(mean: np.ndarray, covariance: np.ndarray, seed: int) -> np.ndarray:

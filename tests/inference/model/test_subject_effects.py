@@ -8,7 +8,7 @@ import pytest
 from percept.inference.model.predictions import draw_subject_effects
 from tests.inference.model.designs import made
 
-DRAWS = 20_000
+DRAWS = 5_000
 
 
 def effects_given(twin, i, own, location):

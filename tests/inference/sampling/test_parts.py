@@ -46,7 +46,7 @@ def test_means_are_those_of_all_draws():
 @pytest.mark.evidence(reduced=True)
 def test_claimed_errors_of_parts_together_are_right():
     """Of a normal's mean, zero: scatter of runs over what they claim."""
-    count = 40 if LONG else 3
+    count = 40 if LONG else 2
     means = Means(("E x",), lambda points: points[:, :1])
     runs = [
         sample(Normal(2), means, Settings(tolerance=0.004, seed=seed))
