@@ -41,13 +41,13 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
     """At the point device's frequencies the probability was .02 too large, and nothing decided."""
     setup, scene = known(fitted, [[0.25, 0.0], [0.0, 0.25]])
     weights = {"VE2": np.ones((100, 1))}  # Of fewer draws than are judged
+    users = fitted.users["VE2"].select(slice(0, 256))
     verdicts = study_verdicts(
-        setup, fitted.users, fitted.subjects, scene, stable={}, weights=weights
+        setup, {"VE2": users}, fitted.subjects, scene, stable={}, weights=weights
     )
-    (verdict,) = [row for row in verdicts if row.environment == "VE2" and row.coupled is coupled]
+    (verdict,) = [row for row in verdicts if row.coupled is coupled]
     evidence = verdict.bayesian
     assert evidence is not None
-    users = fitted.users["VE2"]
     spread = relative_sd(users)
     inside = []
     for index in range(evidence.draws):
@@ -66,8 +66,9 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
 
 def test_a_coupling_is_stable_and_real_on_the_same_devices(fitted: Study) -> None:
     setup, scene = known(fitted, [[0.25, 0.0], [0.0, 16.0]])
-    verdicts = study_verdicts(setup, fitted.users, fitted.subjects, scene, stable={}, weights={})
-    (verdict,) = [row for row in verdicts if row.environment == "VE1" and row.coupled]
+    users = {"VE1": fitted.users["VE1"]}
+    verdicts = study_verdicts(setup, users, fitted.subjects, scene, stable={}, weights={})
+    (verdict,) = [row for row in verdicts if row.coupled]
     evidence = verdict.bayesian
     assert evidence is not None
     shown = setup.references["VE1"], COUPLING
