@@ -211,9 +211,7 @@ def coverage(
     path = None if checkpoint is None else Path(checkpoint)
     kept = Checkpoint(path, plan_digest(plan), what="judged")
     lines = kept.complete(judge, studies, mapper=mapper, progress=progress)
-    judged = []
-    for line in lines:
-        judged.append({Labels(*labels): held for *labels, held in line["judged"]})
+    judged = [{Labels(*labels): held for *labels, held in line["judged"]} for line in lines]
     return averaged(plan, judged)
 
 

@@ -230,7 +230,7 @@ def _parsed(words: Sequence[str], command: str | None) -> argparse.Namespace:
     hint = f"See percept {command} --help." if command else "See percept --help."
     parser = build_parser([command] if command else [])
     # Options of percept itself, for what is typed without a command.
-    parser.set_defaults(run=_print_help, parser=parser, build_parser=build_parser)
+    parser.set_defaults(run=lambda _: parser.print_help(), parser=parser, build_parser=build_parser)
     parsed, unknown = parser.parse_known_args(words)
     for word in unknown:
         if not word.startswith("-"):
@@ -239,8 +239,3 @@ def _parsed(words: Sequence[str], command: str | None) -> argparse.Namespace:
         options = parsed.parser._option_string_actions
         raise UsageError(f"there is no option {option}.{did_you_mean(option, options)}", hint=hint)
     return parsed
-
-
-def _print_help(arguments: argparse.Namespace) -> None:
-    """Print the help of the whole, for `percept` alone."""
-    arguments.parser.print_help()

@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate
 
 from percept.boundary.law import BEYOND, Axis, PairLaw, between, cell_and_fraction
 from percept.haptics.loop import Loop
@@ -205,6 +204,8 @@ class Balls:
         In a large ball what it leaves out is what counts. The outer variable's own distribution is
         known exactly.
         """
+        from scipy import integrate  # slow to import, and no fit needs it
+
         marginal = self.law.cumulated[inner][:, -1]
         step = 1.0 / (marginal.size - 1)
         up_to_row = integrate.cumulative_trapezoid(marginal, dx=step, initial=0)

@@ -20,7 +20,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
-from scipy.interpolate import CubicSpline, RectBivariateSpline, RegularGridInterpolator
 
 from percept.errors import RefusalError
 from percept.inference.classical.moments import sample
@@ -155,6 +154,8 @@ class PairLaw:
 
         Tables of shape (outer, inner), finer than the density's grid.
         """
+        from scipy.interpolate import CubicSpline  # slow to import, and no fit needs it
+
         k_axis, b_axis = self.axes
         fine_k = k_axis.places(_CUT)
         fine_b = b_axis.places(_CUT)
@@ -196,6 +197,8 @@ class PairLaw:
 
     def even(self, count: int) -> Points:
         """Return points that fill the plane evenly."""
+        from scipy.interpolate import RectBivariateSpline, RegularGridInterpolator
+
         places = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
         k_axis, b_axis = self.axes
         grid = k_axis.places(), b_axis.places()
@@ -353,6 +356,8 @@ def _normalised_law(
     family: Family,
 ) -> PairLaw:
     """Put densities over the bent coordinates on the axes' places, each with the integral one."""
+    from scipy.interpolate import CubicSpline
+
     k_axis, b_axis = axes
     # k and b are hyperbolic sines of the coordinates, which run evenly with the places.
     k_rate = np.cosh(k_axis.grid)

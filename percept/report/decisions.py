@@ -298,9 +298,10 @@ def paper_rule(results: Results) -> list[str]:
         return []
     ways = []
     for field, how in (("verdict_uncoupled", "directly"), ("verdict_coupled", RENDERED[True])):
-        groups = []
-        for inside, chosen in grouped(rows, field).items():
-            groups.append(f"{inside} {_named(distinct(chosen, 'environment'), words)}")
+        groups = [
+            f"{inside} {_named(distinct(chosen, 'environment'), words)}"
+            for inside, chosen in grouped(rows, field).items()
+        ]
         ways.append(f"{how}, {'; '.join(groups)}")
     by = f"{METHOD_NAMES[rows[0].method]}, {rows[0].family}"
     return [

@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterator, Mapping
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import optimize
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.model.design import Cells, Options, design_of, shows_subject_trends
@@ -261,6 +260,8 @@ def _vanishing(
     scatter have the log likelihood -n (a_j + phi_i). It grows without bound along a direction in
     which no sum falls where trials scatter, and the sum over all trials does.
     """
+    from scipy import optimize  # slow to import, and rarely needed
+
     sums = np.hstack([pd.get_dummies(subject, dtype=float), pd.get_dummies(cell, dtype=float)])
     bound = np.zeros(scatter.sum())
     steepest = optimize.linprog(df @ sums, A_ub=-sums[scatter], b_ub=bound, bounds=(-1.0, 1.0))

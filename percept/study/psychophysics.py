@@ -321,9 +321,10 @@ def _of_subjects(
     weights = cells / cells.sum(axis=0)
     trial_sd = np.exp(np.log(scales["sigma_e"]) @ weights + scales["phi"])  # (S, P, N)
     for p, measured in enumerate(over_all):
-        of_subjects = []
-        for subject in model.statistics.subjects:
-            of_subjects.append(dataclasses.replace(measured, n=1, subject=subject))
+        of_subjects = [
+            dataclasses.replace(measured, n=1, subject=subject)
+            for subject in model.statistics.subjects
+        ]
         yield from _bounded(fit, {"sigma_e": trial_sd[:, p]}, of_subjects)
 
 

@@ -86,9 +86,10 @@ def z_width(
     ZWidth
         Without an edge that is not known.
     """
-    walls = []
-    for name, wall in references.items():
-        walls.append(RenderedWall(name, float(wall.stiffness), float(wall.damping)))
+    walls = [
+        RenderedWall(name, float(wall.stiffness), float(wall.damping))
+        for name, wall in references.items()
+    ]
     likely = None
     if draws is not None:
         # The edge widens with the damping: what it reaches in 95 % of devices tells all.

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, special
+from scipy import special
 
 from percept.inference.model.gaussian import Moments
 from percept.inference.model.model import Model
@@ -174,6 +174,8 @@ def level_together(
     float
         Of single limits, from `level` to the one that Bonferroni's inequality gives.
     """
+    from scipy import optimize  # slow to import, and rarely needed
+
     outside = 1.0 - level
     of_one = _score(outside)
     of_bonferroni = _score(outside / values.shape[1])
