@@ -81,7 +81,8 @@ def value_of(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
             [word, *(text.format(schema[key]) for key, text in _LIMITS.items() if key in schema)]
         )
     if kind == "array" and "prefixItems" in schema:
-        return "one text or two"
+        numbers = schema["prefixItems"][0]["type"] == "number"
+        return "two numbers" if numbers else "one text or two"
     if kind == "array":
         items = schema["items"]
         return f"list: {value_of(items, definitions)}"

@@ -25,8 +25,12 @@ class ModeTable(Table):
 
     Attributes
     ----------
-    mass, stiffness, damping : float
-        In kg, N/m and N·s/m.
+    mass : float
+        In kg.
+    stiffness : float
+        In N/m.
+    damping : float
+        In N·s/m.
     """
 
     mass: Positive

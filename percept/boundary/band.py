@@ -169,7 +169,7 @@ def _error_sentence(law: str, errors: dict[str, float]) -> str:
         return "With one reference left out, no law predicts the band to within a factor of ten."
     rank = "another law does better"
     if errors[law] <= _ALIKE * smallest:
-        rank = "no law of the three does clearly better"
+        rank = "no other law does clearly better"
     if errors[law] == smallest and second > _ALIKE * smallest:
         rank = "it is ahead of both other laws"
     typically = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"

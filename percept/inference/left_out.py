@@ -7,8 +7,9 @@ cell means y about the locations, G = V^(-1/2) B and r = y - m. Then
 
     y | others ~ N(m - B K⁻¹ B'V⁻¹ r, V + B K⁻¹ B'),    K = I - G'G,
 
-so no fit is repeated. K is near (1 - 1/N) I whatever the scales. Its other form, V - BB', would
-lose all digits where the subject effect is far larger than the rest.
+so no fit is repeated. Where all subjects have the same cells, the eigenvalues of K lie between
+1 - 1/N and 1 whatever the scales; they fall towards zero where a location rests on one subject. The
+other form, V - BB', would lose all digits where the subject effect is far larger than the rest.
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ _FEWEST_DRAWS = 500
 class LeftOut:
     """Predictions of N subjects, each from the others' data, at W sets of scales.
 
-    All are NaN where the scatter of one of the sets is below some 1e-7 of the locations' prior: a
-    subject's information on a location then rounds to all there is.
+    Those of subjects with the same cells are NaN at all draws of a pass if a location rests on one
+    of them alone and, at one draw, scatter is below some 1e-7 of the locations' prior: what this
+    subject tells then rounds to all there is.
     """
 
     log_density: Array  # (W, N) Of the subject's trials, on the response scale

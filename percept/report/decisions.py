@@ -152,7 +152,7 @@ def _disagreeing(judged: Sequence[Verdict], words: Words) -> list[str]:
         if classical and verdict.bayesian and classical.outcome != verdict.bayesian.outcome:
             others[verdict.environment] = (classical.outcome, classical.probability)
     said = _felt(others, judged, words)
-    return [f"That is the Bayesian answer; by the weakest classical part {said}."] if said else []
+    return [f"That is the Bayesian answer; by the classical method, {said}."] if said else []
 
 
 def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
@@ -265,8 +265,8 @@ def coupling_sentences(results: Results) -> list[str]:
         else:
             (absent if row.outcome == "none" else unknown).append(row.name)
     sentences = []
+    measure = "probability" if design.method == "bayesian" else "confidence"
     if spans:
-        measure = "probability" if design.method == "bayesian" else "confidence"
         shown = list(spans.values() if len(spans) <= _MOST_SPANS else spans)
         said = f"couplings make {_named(shown, words)} feel real"
         if len(spans) > 1:
@@ -274,7 +274,8 @@ def coupling_sentences(results: Results) -> list[str]:
             said += f"; {one} serves {'both' if len(spans) == 2 else 'all of them'}"
         sentences.append(f"With {percent(design.decision)} {measure}, {said}.")
     if absent:
-        sentences.append(f"No coupling renders {_named(absent, words)} and feels real.")
+        reached = f"{percent(design.decision)} {measure} of feeling real"
+        sentences.append(f"For {_named(absent, words)}, no coupling reaches {reached}.")
     if unknown:
         sentences.append(
             f"Whether a coupling makes {_named(unknown, words)} feel real the data do not decide."

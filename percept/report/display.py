@@ -113,7 +113,7 @@ def centrals(results: Results) -> Table:
             probability = of(f"bayesian.by_central.{index}.probability", 3, "percent")
             columns[f"central {percent(one.central)}"] = probability
     way = capitalised(RENDERED[rows[0].coupled]) if rows else ""
-    caption = f"{way}, for other central shares of {words.users}."
+    caption = f"{way}: probability of feeling real, for other central shares of {words.users}."
     return table_of(caption, rows, columns, name="centrals", csv="verdicts")
 
 
@@ -170,16 +170,16 @@ def _by_parts(results: Results) -> Table:
     if any(row.classical for row in rows):
         refuted = (1.0 - rows[0].decision) / PARTS
         caption += (
-            f" The weakest of k, b and |Z_h| decides: {percent(rows[0].decision)} or more is real,"
-            f" {percentage(refuted, 2)} or less is not ({percentage(refuted / 2.0, 2)} where it"
-            f" lies on both sides of the mean {words.user} over ω). “All parts” at once are less"
-            f" sure, and decide nothing. |Z_h| is approximate and needs {FEWEST_FOR_PAIR}"
-            f" {words.subjects}."
+            " Classically, the weakest of k, b and |Z_h| decides:"
+            f" {percent(rows[0].decision)} or more is real, {percentage(refuted, 2)} or less is not"
+            f" ({percentage(refuted / 2.0, 2)} where it lies on both sides of the mean"
+            f" {words.user} over ω). “All parts” at once are less sure, and decide nothing."
+            f" |Z_h| is approximate and needs {FEWEST_FOR_PAIR} {words.subjects}."
         )
     needed = [row.more for row in rows if row.more]
     if needed:
         sure = f"with probability {needed[0].assurance:g}"
-        caption += f" This many more {words.subjects} would decide, {sure}."
+        caption += f" The last column says how many more {words.subjects} would decide, {sure}."
     return table_of(caption, rows, columns, name="verdicts")
 
 

@@ -224,8 +224,8 @@ def _sampled(results: Results, diagnostics: Diagnostics) -> Iterator[str]:
     reached = max(gate.worst_error, diagnostics.tolerance)
     yield (
         "Sampling ended when the Monte Carlo standard error of every limit of the Bayesian"
-        f" intervals was at most {short(reached)} of its interval’s half-width, where"
-        f" {diagnostics.tolerance:g} was asked, with rank R̂ [vehtari2021] below"
+        f" intervals was at most {short(reached)} of its interval’s half-width"
+        f" ({diagnostics.tolerance:g} was asked), with rank R̂ [vehtari2021] below"
         f" {gate.rhat_limit} across {diagnostics.ensembles} separately seeded ensembles."
     )
     given = results.provenance.scene["model"].get("priors", {})

@@ -78,7 +78,7 @@ class Inferred:
     data : Data
         Sessions under a scene.
     progress : callable or None
-        Told the state of the sampler after every round.
+        Told the state of the sampler as it runs.
     store : RunStore or None
         Where finished runs of the sampler are kept.
     """

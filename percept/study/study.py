@@ -65,7 +65,7 @@ class Study(Displayed):
     scene : Scene, str or Path, optional
         What to analyse, or the file that says so; defaults throughout.
     progress : callable, optional
-        Told the state of the sampler after every round.
+        Told the state of the sampler as it runs.
     store : RunStore, optional
         Where finished runs of the sampler are kept, such as `percept.cache.PosteriorCache`; none by
         default.

@@ -221,12 +221,11 @@ def test_a_verdict_that_leans_on_a_doubtful_row_is_said_with_the_verdict_without
 def test_both_methods_are_named_where_they_disagree():
     said = feeling(felt("A", 0.97, 0.9), felt("B", 0.99, 0.99))
     assert said.endswith(
-        "That is the Bayesian answer; by the weakest classical part for A the data do not decide"
-        " (90 %)."
+        "That is the Bayesian answer; by the classical method, for A the data do not decide (90 %)."
     )
     assert "classical" not in feeling(felt("B", 0.99, 0.99))
     made = results([SOFT], verdicts=[felt("A", 0.97, 0.9)])
-    assert "by the weakest classical part for A the data do not decide" in findings(made).paragraph
+    assert "by the classical method, for A the data do not decide" in findings(made).paragraph
 
 
 def test_what_cannot_be_rendered_is_never_said_to_feel_real():

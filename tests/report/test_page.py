@@ -304,7 +304,7 @@ def test_an_error_above_the_tolerance_is_said_beside_the_bayesian_numbers():
     page = page_of(document)
     assert "are withheld" not in page
     assert "checks passed, but it missed the tolerance" in page
-    assert "of its interval’s half-width, where 0.0001 was asked, with rank" in page
+    assert "of its interval’s half-width (0.0001 was asked), with rank" in page
     # In the summary's cautions and in the section of the sampler.
     assert "".join(Reader(page).text).count(gate["error_reached"]) == 2
 

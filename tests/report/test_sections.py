@@ -34,14 +34,16 @@ def test_couplings_that_feel_real_are_named_with_their_span(both):
         both["design"]["environments"][0] | {"name": name} | absent
         for name in ("VE1", "VE2", "VE3", "VE4")
     ]
-    assert said_of(changed) == ["No coupling renders VE1, VE2, VE3 and VE4 and feels real."]
+    assert said_of(changed) == [
+        "For VE1, VE2, VE3 and VE4, no coupling reaches 95 % probability of feeling real."
+    ]
     environments[1] |= {"stiffest": END, "softest": END | {"stiffness": 700.0}, "outcome": "some"}
     environments[2] |= {"outcome": "undecided"}
     said = said_of(changed)
     assert said == [
         "With 95 % probability, couplings make VE2 (0.7 kN/m with 2 N·s/m to 9 kN/m with"
         " 2 N·s/m) feel real.",
-        "No coupling renders VE1 and VE4 and feels real.",
+        "For VE1 and VE4, no coupling reaches 95 % probability of feeling real.",
         "Whether a coupling makes VE3 feel real the data do not decide.",
     ]
     sentences = findings(as_results(changed)).sentences

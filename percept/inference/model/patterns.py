@@ -174,7 +174,7 @@ def _misfit(
     """Squares of the units about what the unknowns fit, by D: (W,)."""
     data = np.full((1, unknowns.shape[1]), -1.0)
     times = units.columns @ np.concatenate([unknowns, data])
-    _, quantities, unit_count = units.latents.shape
+    _, quantities, unit_count = units.x_and_data.shape
     by_vector = times.reshape(-1, unit_count, unknowns.shape[1])
     misfit = by_vector[:quantities]
     effects = zip(vectors[quantities:], by_vector[quantities:], strict=True)
@@ -206,13 +206,13 @@ class _Exact:
         latents, width = prior.shape
         effect_count = len(effects)
         # [Z, X, y], (…, P, U, W)
-        columns, quantities, unit_count = units.latents.shape
+        columns, quantities, unit_count = units.x_and_data.shape
         shape = (effect_count + columns, quantities, unit_count, width)
         whole = np.empty(shape)
         for a, effect in enumerate(effects):
             multiplier = units.multipliers[a, :, None]
             np.multiply(effect[:, units.kind], multiplier, out=whole[a])
-        whole[effect_count:] = units.latents[..., None]
+        whole[effect_count:] = units.x_and_data[..., None]
         by_quantity = tuple(whole.swapaxes(0, 1))
         whitened = np.stack(noise[units.kind].whiten(by_quantity))
         by_draw = whitened.transpose(3, 2, 0, 1)  # (W, U, P, q + K + 1)

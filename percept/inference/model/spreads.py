@@ -80,8 +80,8 @@ class LogSpreads:
     """Log SDs at W sets of coordinates, and what they are made of."""
 
     log_sigma: Array  # (P, C, W)
-    multiples: Array  # (P, K, W) h: coefficients over their prior SDs
-    log_density: Array  # (W,) Of the coordinates under the prior
+    multiples: Array  # (P, k, W) Coefficients of all k columns over their prior SDs
+    log_density: Array  # (W,) Of the coordinates u under the prior; zero without departures
 
 
 class CellSpreads:
@@ -92,7 +92,7 @@ class CellSpreads:
     statistics : Statistics
         What the rough likelihood of the SDs is taken from.
     design : Design
-        Its columns of log sigma, K in all.
+        Its columns of log sigma, k in all.
     priors : Priors
         Prior scales.
     suffix : str
@@ -111,8 +111,8 @@ class CellSpreads:
     rho : str
         Name of the correlation of the level.
     weight : ndarray
-        Weights of the rough likelihood, (P, C): a unit of the coordinates is shorter by
-        √(1 + weight) than a prior SD.
+        Weights w of the rough likelihood, (P, C): given the columns, a unit of u is 1/√(1 + w
+        omega²) of a departure's prior SD.
     """
 
     def __init__(
@@ -147,8 +147,8 @@ class CellSpreads:
         loadings = columns_of(terms, x).swapaxes(0, 1)  # (P, K, C) U'
         quantities, count, cells = loadings.shape
         # Turn the columns: U' = rotation diag(sizes) directions. All formulas hold for the turned
-        # columns, which are orthogonal, and the turned coefficients rotation'h. Padded, so that
-        # few cells have K singular values too; no column is one of zeros.
+        # columns, which are orthogonal, and the turned coefficients rotation'h. Padded with zeros,
+        # so that few cells, or no columns, have K = max(k, 1) singular values too.
         width = max(count, 1)
         padded = np.zeros((quantities, width, cells + width))
         padded[:, :count, :cells] = loadings

@@ -4,7 +4,7 @@ The log trial SD of subject i in cell c is log sigma_ec + phi_i, with phi_i ~ N(
 each quantity. The scatter of a subject's trials gives phi_i a rough likelihood: its rough log SD
 l_i is N(a + phi_i, 1/w_i), with w_i = 2 df_i. The level a is common to all subjects and has a flat
 prior here: only the cells' SDs tell it. With a fixed level 24 subjects take a third more draws.
-Given omega_s the ratios f = phi/omega_s are then normal:
+Given omega_s the standardised f = phi/omega_s are then normal:
 
     precision    diag(s) - cc',  s = 1 + w omega_s²,  c = omega_s w / √(sum w)
     covariance   s^(-1/2) (I + (g² - 1) dd') s^(-1/2),  g² = sum w / sum (w/s)
@@ -35,7 +35,7 @@ _TINY = 1e-300
 
 
 class SubjectSpreads:
-    """Map from coordinates to log ratios phi of subjects' trial SDs.
+    """Map from coordinates to phi, logs of subjects' trial SDs over those of their cells.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ class SubjectSpreads:
         scatters = self._squares.sum(axis=2, keepdims=True) > 0.0
         df = np.where(scatters, df, 0.0)
         of_cells = _variance(self._squares, df, axis=1)
-        ratio = _variance(self._squares / of_cells, df, axis=2)[..., 0]
+        variance_ratio = _variance(self._squares / of_cells, df, axis=2)[..., 0]
         weight = 2.0 * df.sum(axis=2)  # (P, N) w
-        log_sd = 0.5 * np.log(ratio)
+        log_sd = 0.5 * np.log(variance_ratio)
         total = np.maximum(weight.sum(axis=1, keepdims=True), 1.0)
         weighted = (weight * log_sd).sum(axis=1, keepdims=True)
         about_level = log_sd - weighted / total
@@ -83,19 +83,19 @@ class SubjectSpreads:
         pull = omega * self._weight * self._rough / root
         moved = (g * g - 1.0) * pull + (g - 1.0) * coordinates
         along = np.einsum("pnw,pnw->pw", direction, moved)
-        ratios = (pull + coordinates + direction * along[:, None]) / root
+        f = (pull + coordinates + direction * along[:, None]) / root
         quantities, subjects, _ = coordinates.shape
         # The prior of f times the Jacobian of the map, g prod(s^(-1/2)).
         log_jacobian = np.log(g).sum(axis=(0, 1))
         log_jacobian -= np.log(root).sum(axis=(0, 1))
-        squares = np.einsum("pnw,pnw->w", ratios, ratios)
+        squares = np.einsum("pnw,pnw->w", f, f)
         log_prior = -0.5 * (squares + _LOG_2PI * quantities * subjects)
-        return omega * ratios, log_prior + log_jacobian
+        return omega * f, log_prior + log_jacobian
 
     def cells_given(self, phi: Array) -> Array:
         """How far phi (P, N, W) moves the rough log SDs of cells, (P, C, W)."""
-        inverse_ratios = np.exp(-2.0 * phi)
-        adjusted = np.einsum("pnc,pnw->pcw", self._squares, inverse_ratios)
+        inverse_variance_ratios = np.exp(-2.0 * phi)
+        adjusted = np.einsum("pnc,pnw->pcw", self._squares, inverse_variance_ratios)
         unadjusted = self._squares.sum(axis=1)[..., None]
         has_scatter = (adjusted > 0.0) & (unadjusted > 0.0)
         unmoved = np.ones_like(adjusted)

@@ -42,7 +42,7 @@ class Units:
         Number of unknowns before the effects: none, or own deviations that are eliminated first.
     block_shape : tuple of int
         Size and number of the blocks of unknowns that are eliminated first.
-    latents : ndarray
+    x_and_data : ndarray
         Columns X, and the data last, (a J + r + 1, P, U).
     multipliers : ndarray
         What a unit multiplies the column of each effect by, (q, U): one for a mean and zero for
@@ -99,7 +99,7 @@ class Units:
         slopes = of_slopes.reshape(len(values), quantities, latents)
         by_unit = np.einsum("puk,u->kpu", in_cell, root_subjects)
         by_unit += np.einsum("mpk,mu->kpu", slopes, values)
-        self.latents = np.concatenate([by_unit, data[None]])
+        self.x_and_data = np.concatenate([by_unit, data[None]])
         of_means = np.tile(is_mean, (design.effects, 1))
         of_own_slopes = np.repeat(values[within], quantities, axis=0)
         self.multipliers = np.concatenate([of_means, of_own_slopes])
@@ -133,7 +133,7 @@ class Units:
             self.before_effects = own * environments
             self.block_shape = (own, environments)
         self.effects = self.before_effects + np.arange(effects).reshape(shape)
-        unknowns = np.arange(effects + len(self.latents))
+        unknowns = np.arange(effects + len(self.x_and_data))
         self.others = np.setdiff1d(unknowns, self.effects)
         own_unknowns = self.others[: own * environments]
         self.own = own_unknowns.reshape(own, environments)
@@ -141,7 +141,7 @@ class Units:
     def _columns(self) -> sparse.csr_array:
         """Numbers by vector and unit, for every unknown."""
         # The vectors of quantities come first, then the vectors of effects.
-        by_unit = self.latents.reshape(len(self.latents), -1).T
+        by_unit = self.x_and_data.reshape(len(self.x_and_data), -1).T
         of_others = sparse.csr_array(by_unit)
         effect = self.effects[:, self.pattern] - self.before_effects
         row = np.arange(effect.size)
@@ -172,7 +172,7 @@ class Units:
     def vectors(self, scales: CellScales) -> list[Array]:
         """Vectors of the kinds: of each quantity (P, kinds, 1), then of effects (P, kinds, W)."""
         effects = list(scales.effects[:, :, self._cell])
-        _, quantities, _ = self.latents.shape
+        _, quantities, _ = self.x_and_data.shape
         every_kind = np.ones((1, len(self._cell), 1))
         for covariance in scales.slopes:
             for root in covariance.factor_columns():
@@ -188,9 +188,9 @@ class JointPrecision:
     It is made of blocks (k, k, B, W), their cross terms (k, K + 1, B, W) with the K others and the
     data, and the joint entries (K + 1, K + 1, W) of these, of which the upper ones stay zero.
 
-    Every entry is a fixed combination of the products v'D⁻¹w of two vectors of one kind. One sparse
-    matrix holds these combinations, and no draw walks over units. A unit that multiplies v by a for
-    one unknown, and w by b for another, adds a b to the entry of both.
+    Every entry is a fixed combination of the products v'D⁻¹w of two vectors of one kind. Sparse
+    matrices hold these combinations, and no draw loops over units. A unit that multiplies v by a
+    for one unknown, and w by b for another, adds a b v'D⁻¹w to their common entry.
     """
 
     def __init__(self, units: Units) -> None:
@@ -214,7 +214,7 @@ class JointPrecision:
         later = np.maximum(first_vector, second_vector)
         earlier = np.minimum(first_vector, second_vector)
         product = later * (later + 1) // 2 + earlier
-        # A cross term and its mirror, and joint entries below the diagonal, are taken once.
+        # Joint entries above the diagonal stay zero. Mirrors of cross terms are not read below.
         is_taken = (first < in_blocks) | (second <= first)
         place = (first * unknowns + second, product * kinds + kind)
         products = vectors * (vectors + 1) // 2

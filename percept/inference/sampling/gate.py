@@ -121,7 +121,7 @@ class Gate:
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a run, told after every round."""
+    """State of a run, told as it goes; steps count from its last restart."""
 
     steps: int  # Steps per ensemble so far
     expected_steps: int  # Steps per ensemble the run is expected to need

@@ -62,7 +62,7 @@ _MOST_RESTARTS = 2
 _LONG = 3.0
 #: Independent ensembles, whose agreement the gate measures.
 _ENSEMBLES = 4
-#: Walkers of an ensemble: the gate's fewest, over whom it averages autocorrelations.
+#: Walkers of an ensemble: as many as the gate's `_TIMES_NEEDED` was set with.
 _WALKERS = 64
 #: Steps between kept positions. Keeping and judging a position takes as long as a few steps. At a
 #: time of 7 to 30 steps, as measured on the studies in tests/golden, neighbours differ little.
@@ -70,9 +70,10 @@ _STRIDE = 3
 #: The same after a restart, whose walkers are many and whose run is long: half the positions do.
 _RESTART_STRIDE = 6
 
-#: Name of a setting in glibc's malloc.h: bytes of free memory above which it goes to the system.
+#: Key of a setting in glibc's malloc.h: bytes of free memory above which it goes to the system.
 _TRIM_THRESHOLD = -1
-#: Name of another: bytes of an array above which it never comes from freed memory.
+#: Key of another: bytes of an array above which, where no freed memory holds it, it is mapped by
+#: itself and goes to the system when it is freed.
 _MMAP_THRESHOLD = -3
 #: Value of the first, 256 MiB: more than what one pass over a density needs.
 _KEPT_BYTES = 1 << 28
@@ -129,7 +130,7 @@ class Chain:
         self._walkers.advance(_BURN_IN, _BURN_IN)
         self._points: list[Array] = []  # each (E, T, W, d)
         self._components: list[Array] = []  # each (E, T, W, C)
-        self._closed: Run | None = None  # With the estimates of all closed parts
+        self._closed: Run | None = None  # Estimates of all closed parts, draws of the first
         self._closed_steps = 0  # Steps they span
         ensembles, walkers, dimension = points.shape
         components = task.estimands.components(transported.map(points[0, :1])).shape[-1]
@@ -298,7 +299,7 @@ def sample(
     settings : Settings
         Tolerance, seed and cap of steps.
     progress : callable, optional
-        Told the state of the run after every round.
+        Told the state of the run as it goes; its steps count from the last restart.
 
     Returns
     -------
