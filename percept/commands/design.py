@@ -47,9 +47,11 @@ modes and hold are not.
 
 `stated` is what a row claims, `real` the fraction of its claims that were true, over environments
 and parameters together, and ± its standard error over the studies. Normal intervals of lognormal
-users, and the other way round, show what the wrong family costs. A study of normal users in which a
-value is not positive has no lognormal row, so `studies` can be few. Shares that are `refused` or
-`withheld` are of all studies. A study whose values no file may hold is refused.
+users, and the other way round, show what the wrong family costs. An environment of normal users in
+which a value is not positive has no lognormal row, so `studies` can be few. Boundaries are of the
+scene's family, and of the other one in environments without it: rows of that family speak of these
+alone. Shares that are `refused` or `withheld` are of all studies. A study whose values no file may
+hold is refused.
 
 """
 _CURVES = """ Curves belong to a device of {device.mass:g} kg and {device.damping:g} N·s/m at a \
