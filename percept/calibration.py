@@ -165,8 +165,9 @@ def _design_of(study: Study) -> Design:
         for environment in data.environments
     ]
     table = study.sessions.table
-    counts = pd.crosstab(table["subject"], table["environment"])
-    counts = counts.loc[list(study.sessions.subjects), list(data.environments)]
+    # Published limits have no subjects: who plans says how many there are.
+    counts = pd.crosstab(table.get("subject", table["environment"]), table["environment"])
+    counts = counts.reindex(index=study.sessions.subjects, columns=data.environments)
     return Design(np.array(references), counts.to_numpy(), data.parameters, data.environments)
 
 

@@ -125,3 +125,12 @@ def test_what_cannot_be_simulated_is_refused_first(tmp_path, capsys):
     message = "the reference stiffness of VE1 is 0, and simulated responses are ratios to it"
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_published_limits_are_calibrated_with_as_many_subjects_as_are_asked_for(tmp_path, capsys):
+    limits = str(DATASETS.parent / "reports" / "coverage" / "curves" / "references.csv")
+    assert calibrate(tmp_path, limits, "--subjects", "4") == 0
+    with (tmp_path / "out" / "coverage.csv").open() as file:
+        assert {row["subjects"] for row in csv.DictReader(file)} == {"4"}
+    assert calibrate(tmp_path, limits) == 2
+    assert "a coverage study needs at least two subjects." in capsys.readouterr().err
