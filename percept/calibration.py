@@ -165,7 +165,7 @@ def _design_of(study: Study) -> Design:
         for environment in data.environments
     ]
     table = study.sessions.table
-    # Published limits have no subjects: who plans says how many there are.
+    # Published limits have no subjects: `plan_like` is told how many.
     counts = pd.crosstab(table.get("subject", table["environment"]), table["environment"])
     counts = counts.reindex(index=study.sessions.subjects, columns=data.environments)
     return Design(np.array(references), counts.to_numpy(), data.parameters, data.environments)

@@ -142,7 +142,7 @@ def absent_jnds(data: Data) -> Iterator[Skipped]:
 
 
 def classical_psychophysics(data: Data) -> _Rows:
-    """Yield the classical rows; of published limits those of SDs only."""
+    """Yield the classical rows. Published limits have only those of SDs."""
     for parameter in data.parameters:
         for (of, environment), moments in data.moments(data.asked.family).items():
             if of != parameter:

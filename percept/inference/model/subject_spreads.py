@@ -35,7 +35,7 @@ _TINY = 1e-300
 
 
 class SubjectSpreads:
-    """Map from coordinates to phi, logs of subjects' trial SDs over those of their cells.
+    """Map from coordinates to phi: each subject's log trial SD, less that of the cell.
 
     Parameters
     ----------
